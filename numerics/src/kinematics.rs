@@ -1,0 +1,10 @@
+//! How the wings move: the three Euler angles, the axes they turn and the room
+//! they leave between the wings.
+
+mod clearance;
+mod frame;
+mod stroke;
+
+pub use clearance::{Clearance, clearance};
+pub use frame::{Attitude, Vector};
+pub use stroke::{Angle, ElevationPhase, Stroke};

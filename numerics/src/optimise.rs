@@ -1,0 +1,90 @@
+//! Search for the stroke which flies at least power.
+//!
+//! [`Problem`] turns a surrogate into the fitness of the paper's Eq. 8; [`Ga`]
+//! and [`NelderMead`] are asked for points and told fitnesses, so they know
+//! nothing of networks or threads; [`optimise`] drives one after the other.
+
+mod breed;
+mod drive;
+mod genetic;
+mod problem;
+mod simplex;
+#[cfg(test)]
+mod tests;
+
+pub use drive::{Optimum, Phase, Progress, optimise};
+pub use genetic::{Ga, GaSettings, GaStop, Generation};
+pub use problem::{Predict, Problem, Score};
+pub use simplex::{NelderMead, SimplexSettings, SimplexStop};
+
+/// Why there is nothing to optimise.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OptimiseError {
+    /// The bounds are not finite and in order.
+    #[error("bounds of parameter {index} are not finite and in order")]
+    Bounds {
+        /// Place in the parameter table.
+        index: usize,
+    },
+    /// Every parameter is held.
+    #[error("every parameter is held")]
+    NothingFree,
+    /// A setting is out of range.
+    #[error("{setting} is {value}; it must be {range}")]
+    Setting {
+        /// Name of the setting.
+        setting: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        range: &'static str,
+    },
+    /// The number of fitnesses told is not the number of points asked.
+    #[error("told {told} fitnesses for {asked} points")]
+    Told {
+        /// Points asked.
+        asked: usize,
+        /// Fitnesses told.
+        told: usize,
+    },
+    /// No point met had a finite fitness.
+    #[error("no point has a finite fitness")]
+    NothingFinite,
+}
+
+/// Refuses a setting outside its range; NaN is outside every range.
+fn check(
+    setting: &'static str,
+    value: f64,
+    range: std::ops::RangeInclusive<f64>,
+    words: &'static str,
+) -> Result<(), OptimiseError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    Err(OptimiseError::Setting { setting, value, range: words })
+}
+
+/// The free parameters of sound bounds.
+fn free(bounds: &crate::parameters::Bounds) -> Result<Vec<usize>, OptimiseError> {
+    if let Some(index) = crate::surrogate::bad_bounds(bounds) {
+        return Err(OptimiseError::Bounds { index });
+    }
+    let free: Vec<usize> = (0..crate::parameters::COUNT).filter(|&i| !bounds.is_held(i)).collect();
+    if free.is_empty() { Err(OptimiseError::NothingFree) } else { Ok(free) }
+}
+
+/// The point of the box nearest to `x`; a held parameter takes its held value.
+fn clamped(bounds: &crate::parameters::Bounds, x: &crate::parameters::Point) -> crate::parameters::Point {
+    // Not `f64::clamp`, which panics where bounds are out of order; NaN stays
+    // NaN, so that it cannot pass for a sound point.
+    std::array::from_fn(|i| {
+        if x[i] < bounds.lower[i] || bounds.is_held(i) {
+            bounds.lower[i]
+        } else if x[i] > bounds.upper[i] {
+            bounds.upper[i]
+        } else {
+            x[i]
+        }
+    })
+}

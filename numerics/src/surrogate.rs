@@ -1,0 +1,40 @@
+//! Surrogate of the simulation: one hidden layer of sigmoids, linear outputs.
+//!
+//! A flight simulation costs seconds, the network about half a microsecond, so
+//! every optimiser of manduca searches on the network and asks the simulation
+//! only to confirm. The architecture, 10-500-4, the 80/10/10 split and
+//! Levenberg-Marquardt training with early stopping are those of Nguyen, Tran,
+//! Han & Lee 2019.
+//!
+//! Neither training nor prediction depends on the number of threads. Prediction
+//! has the same bits on every machine; training has not quite, because the
+//! matrix products of `faer` round by the width of the machine's registers.
+
+mod cholesky;
+mod initial;
+mod kernel;
+mod levenberg;
+#[cfg(test)]
+mod levenberg_tests;
+mod network;
+mod normal;
+pub(crate) mod random;
+mod train;
+#[cfg(test)]
+mod train_tests;
+
+pub use initial::Split;
+pub(crate) use network::bad_bounds;
+pub use network::{Network, NetworkError};
+pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
+
+use crate::parameters::Point;
+
+/// One simulated point: what the surrogate learns from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// The ten design parameters in table order and table units.
+    pub x: Point,
+    /// The scaled stroke means `[L+, D+, M+, P+]`, dimensionless (paper Eq. 4).
+    pub y: [f64; 4],
+}

@@ -1,0 +1,76 @@
+//! A hovering stroke flown by the vortex lattice.
+
+use crate::balance::{Body, Cycle};
+use crate::insect::Insect;
+use crate::kinematics::{Attitude, Stroke, Vector};
+use crate::simulation::{Infeasible, Simulation, StrokeMean};
+use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
+use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
+
+/// Flies all strokes and returns the mean of each.
+///
+/// # Errors
+/// When the lattice blows up.
+pub fn fly(simulation: &Simulation, settings: &Settings) -> Result<Vec<StrokeMean>, Infeasible> {
+    let insect = &simulation.insect;
+    let stroke = Stroke::new(&simulation.parameters, simulation.elevation_phase);
+    let body = Body::new(simulation, &stroke);
+    let mut solver = solver(insect, settings, &stroke, body.air());
+    let dt = stroke.period() / settings.steps_per_stroke as f64;
+    let mut means = Vec::with_capacity(settings.strokes);
+    for number in 1..=settings.strokes {
+        let mut cycle = Cycle::new(&body);
+        for step in 0..settings.steps_per_stroke {
+            let angles = stroke.angles(step as f64 / settings.steps_per_stroke as f64);
+            let attitude = Attitude::new(&angles);
+            let load = solver.step(&pose(insect, &attitude), dt).ok_or(Infeasible::BlowUp { stroke: number })?;
+            cycle.add(&angles, &attitude, &load);
+        }
+        means.push(cycle.mean());
+    }
+    Ok(means)
+}
+
+/// A hinged wing at an attitude.
+pub(crate) fn pose(insect: &Insect, attitude: &Attitude) -> Pose {
+    Pose {
+        origin: Vector::new(0.0, insect.hinge_offset_m, 0.0),
+        e_r: attitude.e_r,
+        e_c: attitude.e_c,
+        velocity: Vector::zeros(),
+        omega: attitude.omega,
+    }
+}
+
+fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {
+    let planform = Planform::of_insect(insect, settings);
+    let dt = stroke.period() / settings.steps_per_stroke as f64;
+    let behind: Vec<f64> = edge_speeds(&planform, stroke).iter().map(|v| settings.first_row * v * dt).collect();
+    let c = insect.mean_chord_m;
+    let cores = Cores {
+        bound: settings.bound_core * c,
+        bound_on_wake: settings.bound_core_on_wake * c,
+        wake_on_wake: settings.wake_core_on_wake * c,
+        fresh_on_wing: settings.fresh_core_on_wing * c,
+        developed_on_wing: settings.wake_core_on_wing * c,
+        growth_time: settings.core_growth_time * stroke.period(),
+    };
+    let suction = Suction { to_lift: settings.suction_to_lift, in_plane: settings.suction_in_plane };
+    let rows = (settings.wake_strokes * settings.steps_per_stroke as f64).round().max(1.0) as usize;
+    Solver::new(Lattice::new(&planform, settings.chordwise_panels, &behind), air, cores, suction, rows)
+}
+
+/// Mean speed of the trailing edge at each station over a stroke, m/s.
+fn edge_speeds(planform: &Planform, stroke: &Stroke) -> Vec<f64> {
+    const INSTANTS: usize = 200;
+    let mut speeds = vec![0.0; planform.span.len()];
+    for i in 0..INSTANTS {
+        let attitude = Attitude::new(&stroke.angles(i as f64 / INSTANTS as f64));
+        for (k, speed) in speeds.iter_mut().enumerate() {
+            let edge = Flat::new(planform.span[k], planform.trailing[k]);
+            let arm = attitude.e_r * edge.x + attitude.e_c * edge.y;
+            *speed += attitude.omega.cross(&arm).norm() / INSTANTS as f64;
+        }
+    }
+    speeds
+}

@@ -1,0 +1,50 @@
+//! Every choice of the vortex lattice, as data.
+
+use crate::table::table;
+
+table! {
+    /// Settings of the vortex-lattice solver. Lengths are in mean chords, times
+    /// in strokes, so that the same settings serve any insect and frequency (and
+    /// forces scale exactly with f²).
+    pub struct Settings {
+        chordwise_panels: usize = 8, 1..=32, "", "panels along the chord";
+        spanwise_panels: usize = 10, 1..=48, "", "panels along one wing";
+        steps_per_stroke: usize = 48, 8..=720, "", "time steps per stroke";
+        strokes: usize = 8, 1..=200, "", "strokes flown, from rest";
+        strokes_dropped: usize = 2, 0..=100, "", "first strokes left out of the means (the wake builds up)";
+        wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered";
+        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge, in mean edge displacements per step";
+        bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
+        bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";
+        wake_core_on_wake: f64 = 0.7, 0.01..=2.0, "c", "core of the wake as the wake sees it";
+        wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core of the developed wake as the wing sees it";
+        fresh_core_on_wing: f64 = 0.01, 1e-6..=2.0, "c", "core of the wake just shed as the wing sees it";
+        core_growth_time: f64 = 0.2, 0.001..=10.0, "strokes", "time in which the core seen by the wing develops";
+        suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";
+        suction_in_plane: f64 = 0.0, 0.0..=1.0, "", "share of the leading-edge suction kept in the wing's plane";
+        spanwise_cosine: f64 = 0.5, 0.0..=1.0, "", "spanwise spacing: 0 uniform, 1 cosine";
+    }
+}
+
+impl Settings {
+    /// Strokes which enter the means.
+    pub fn strokes_kept(&self) -> usize {
+        self.strokes.saturating_sub(self.strokes_dropped)
+    }
+
+    /// Checks what no single field shows.
+    ///
+    /// # Errors
+    /// The field and the reason.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
+        use crate::table::Table;
+        for field in Self::FIELDS {
+            let value = self.get(field.name).unwrap_or(f64::NAN);
+            field.check(value).map_err(|e| (field.name, e.to_string()))?;
+        }
+        if self.strokes_kept() < 1 {
+            return Err(("strokes_dropped", format!("drops all {} strokes", self.strokes)));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,301 @@
+//! Time stepping of one wing, its mirror image and their wake.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::kinematics::Vector;
+use crate::uvlm::geometry::{Lattice, Pose};
+use crate::uvlm::influence::RingInfluence;
+use crate::uvlm::kernel::{Points, induce, interactions};
+use crate::uvlm::loads::{Flow, WingLoad, wing_load};
+use crate::uvlm::suction::SuctionFit;
+use crate::uvlm::wake::Vorticity;
+
+/// The air and the motion of the axes through it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Air {
+    /// Density, kg/m³.
+    pub density: f64,
+    /// Velocity of the axes through the air, m/s; no component across the plane of symmetry.
+    pub velocity: Vector,
+    /// Angular velocity of the axes, rad/s, about the y axis only.
+    pub omega: Vector,
+    /// The point whose velocity is `velocity`, m.
+    pub reference: Vector,
+}
+
+impl Air {
+    /// Still air seen from axes at rest.
+    pub fn still(density: f64) -> Self {
+        Self { density, velocity: Vector::zeros(), omega: Vector::zeros(), reference: Vector::zeros() }
+    }
+
+    /// Velocity of a point of the axes through the air, m/s.
+    pub fn carried(&self, p: &Vector) -> Vector {
+        self.velocity + self.omega.cross(&(p - self.reference))
+    }
+}
+
+/// Core radii, m, and the time in which the wake's core develops.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cores {
+    /// Bound segments and the edge line as the wing sees them.
+    pub bound: f64,
+    /// Bound segments as the wake sees them.
+    pub bound_on_wake: f64,
+    /// Wake as the wake sees it.
+    pub wake_on_wake: f64,
+    /// Wake just shed as the wing sees it.
+    pub fresh_on_wing: f64,
+    /// Developed wake as the wing sees it.
+    pub developed_on_wing: f64,
+    /// Time constant between the two, s.
+    pub growth_time: f64,
+}
+
+impl Cores {
+    /// One small core for everything, for wakes which do not come back.
+    pub fn uniform(radius: f64) -> Self {
+        Self {
+            bound: radius,
+            bound_on_wake: radius,
+            wake_on_wake: radius,
+            fresh_on_wing: radius,
+            developed_on_wing: radius,
+            growth_time: 1.0,
+        }
+    }
+
+    /// Core of wake of an age in seconds as the wing sees it:
+    /// rc² = rn² + (rw² - rn²)(1 - exp(-age/τ)).
+    fn on_wing(&self, age: f64) -> f64 {
+        let (fresh, developed) = (self.fresh_on_wing.powi(2), self.developed_on_wing.powi(2));
+        (fresh + (developed - fresh) * (1.0 - crate::math::exp(-age / self.growth_time))).sqrt()
+    }
+}
+
+/// What becomes of the leading-edge suction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suction {
+    /// Share turned into vortex lift normal to the wing.
+    pub to_lift: f64,
+    /// Share kept in the wing's plane, pulling forward.
+    pub in_plane: f64,
+}
+
+/// A wing in flight.
+#[derive(Debug, Clone)]
+pub struct Solver {
+    lattice: Lattice,
+    air: Air,
+    cores: Cores,
+    suction: Suction,
+    fit: SuctionFit,
+    /// Influence of the wing on itself, along its normal: constant, the wing is rigid.
+    own: DMatrix<f64>,
+    vorticity: Vorticity,
+    /// Circulations of this step and the two before, newest first.
+    history: [Vec<f64>; 3],
+    steps: usize,
+    ring: RingInfluence,
+    /// Collocation points, their mirror images, then the bound segments' middles.
+    near: Points,
+    near_velocity: Points,
+    image: Points,
+    image_velocity: Points,
+    wake_targets: Points,
+    wake_velocity: Points,
+    relative: Vec<Vector>,
+    interactions: u64,
+}
+
+/// Mirror in the plane of symmetry.
+fn mirrored(p: [f64; 3]) -> [f64; 3] {
+    [p[0], -p[1], p[2]]
+}
+
+impl Solver {
+    /// A wing at rest in air at rest, with room for `wake_rows` rows of wake.
+    pub fn new(lattice: Lattice, air: Air, cores: Cores, suction: Suction, wake_rows: usize) -> Self {
+        let count = lattice.panels.len();
+        let mut own = DMatrix::zeros(count, count);
+        let mut collocation = Points::zeros(count);
+        for (i, panel) in lattice.panels.iter().enumerate() {
+            collocation.set(i, [panel.collocation.x, panel.collocation.y, 0.0]);
+        }
+        let component = |f: &dyn Fn(usize) -> f64| (0..lattice.nodes.len()).map(f).collect::<Vec<_>>();
+        let (r, s, n) = (component(&|i| lattice.nodes[i].x), component(&|i| lattice.nodes[i].y), component(&|_| 0.0));
+        let mut ring = RingInfluence::default();
+        // In (e_r, e_c, e_n) axes the lifting side is -e_n.
+        ring.add(&mut own, [&r, &s, &n], lattice.columns(), cores.bound, &collocation, |_| [0.0, 0.0, -1.0]);
+        Self {
+            vorticity: Vorticity::new(lattice.columns(), lattice.chordwise + 1, wake_rows.max(1)),
+            fit: SuctionFit::new(lattice.chordwise),
+            history: [vec![0.0; count], vec![0.0; count], vec![0.0; count]],
+            steps: 0,
+            near: Points::zeros(3 * count),
+            near_velocity: Points::zeros(3 * count),
+            image: Points::zeros(count),
+            image_velocity: Points::zeros(count),
+            wake_targets: Points::default(),
+            wake_velocity: Points::default(),
+            relative: vec![Vector::zeros(); count],
+            interactions: 0,
+            lattice,
+            air,
+            cores,
+            suction,
+            own,
+            ring,
+        }
+    }
+
+    /// One time step: the wing at `pose`, `dt` after the step before. Returns the
+    /// load on this wing; the other's is its mirror image. `None` when the lattice
+    /// has lost its numbers.
+    pub fn step(&mut self, pose: &Pose, dt: f64) -> Option<WingLoad> {
+        if self.steps > 0 {
+            self.vorticity.shed();
+        }
+        self.place(pose);
+        self.wake_on_wing(dt);
+        let circulation = self.solve(pose)?;
+        self.history.rotate_right(1);
+        self.history[0].copy_from_slice(circulation.as_slice());
+        self.vorticity.set_bound(circulation.as_slice());
+        self.vorticity.assemble();
+        self.relative_flow(pose, dt);
+        let rate = self.rate(dt);
+        let flow = Flow { circulation: &self.history[0], rate: &rate, relative: &self.relative };
+        let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
+        self.convect(dt);
+        self.steps += 1;
+        load.force.iter().chain(load.moment.iter()).all(|x| x.is_finite()).then_some(load)
+    }
+
+    /// Circulations of the last step, front row first, m²/s.
+    pub fn circulation(&self) -> &[f64] {
+        &self.history[0]
+    }
+
+    /// The lattice.
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// Segment-on-point evaluations so far.
+    pub fn interactions(&self) -> u64 {
+        self.interactions
+    }
+
+    /// Puts the wing's nodes and the points where it is looked at in space.
+    fn place(&mut self, pose: &Pose) {
+        let count = self.lattice.panels.len();
+        for (i, node) in self.lattice.nodes.iter().enumerate() {
+            self.vorticity.set_node(i, pose.place(node).into());
+        }
+        for (i, panel) in self.lattice.panels.iter().enumerate() {
+            let (collocation, bound) = (pose.place(&panel.collocation).into(), pose.place(&panel.bound).into());
+            self.near.set(i, collocation);
+            self.near.set(count + i, mirrored(collocation));
+            self.near.set(2 * count + i, bound);
+            self.image.set(i, mirrored(bound));
+        }
+    }
+
+    /// Velocity of the wake alone at collocation points, their images and bound segments.
+    fn wake_on_wing(&mut self, dt: f64) {
+        self.vorticity.set_bound(&vec![0.0; self.lattice.panels.len()]);
+        self.vorticity.assemble();
+        let cores = self.cores;
+        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age * dt) };
+        self.vorticity.set_cores(radius, radius);
+        self.near_velocity.clear();
+        if let Some(wake) = self.vorticity.wake() {
+            induce(&wake, &self.near, &mut self.near_velocity);
+            self.interactions += interactions(&wake, &self.near);
+        }
+    }
+
+    /// Velocity of the axes plus that of the wing within them.
+    fn through_air(&self, pose: &Pose, p: &nalgebra::Vector2<f64>) -> Vector {
+        pose.velocity_of(p) + self.air.carried(&pose.place(p))
+    }
+
+    /// No flow through the wing at the collocation points.
+    fn solve(&mut self, pose: &Pose) -> Option<DVector<f64>> {
+        let count = self.lattice.panels.len();
+        let normal = pose.normal();
+        let mut matrix = self.own.clone();
+        let mut images = Points::zeros(count);
+        for i in 0..count {
+            images.set(i, self.near.get(count + i));
+        }
+        let wing = self.vorticity.wing();
+        // The image wing's velocity at P is the mirror image of this wing's at P's image.
+        let direction = mirrored(normal.into());
+        self.ring.add(&mut matrix, wing.nodes, wing.columns, self.cores.bound, &images, |_| direction);
+        self.interactions += 4 * (count * count) as u64;
+        let rhs = DVector::from_fn(count, |i, _| {
+            let wake =
+                Vector::from(self.near_velocity.get(i)) + Vector::from(mirrored(self.near_velocity.get(count + i)));
+            (self.through_air(pose, &self.lattice.panels[i].collocation) - wake).dot(&normal)
+        });
+        let circulation = matrix.lu().solve(&rhs)?;
+        circulation.iter().all(|g| g.is_finite()).then_some(circulation)
+    }
+
+    /// Air relative to the bound segments: wake, image wing and its wake, less the wing's motion.
+    fn relative_flow(&mut self, pose: &Pose, dt: f64) {
+        let cores = self.cores;
+        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age * dt) };
+        self.vorticity.set_cores(radius, radius);
+        let all = self.vorticity.all();
+        self.image_velocity.clear();
+        induce(&all, &self.image, &mut self.image_velocity);
+        self.interactions += interactions(&all, &self.image);
+        let count = self.lattice.panels.len();
+        for i in 0..count {
+            let induced = Vector::from(self.near_velocity.get(2 * count + i))
+                + Vector::from(mirrored(self.image_velocity.get(i)));
+            self.relative[i] = induced - self.through_air(pose, &self.lattice.panels[i].bound);
+        }
+    }
+
+    /// dΓ/dt by backward differences, second order once there are two steps behind.
+    fn rate(&self, dt: f64) -> Vec<f64> {
+        let [now, before, earlier] = &self.history;
+        (0..now.len())
+            .map(|i| match self.steps {
+                0 => 0.0,
+                1 => (now[i] - before[i]) / dt,
+                _ => (3.0 * now[i] - 4.0 * before[i] + earlier[i]) / (2.0 * dt),
+            })
+            .collect()
+    }
+
+    /// Moves the wake with the air (explicit Euler).
+    fn convect(&mut self, dt: f64) {
+        let cores = self.cores;
+        // On the line at the edge both sheets meet: it has the wake's core for both.
+        let across = move |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.wake_on_wake };
+        self.vorticity.set_cores(across, across);
+        let nodes = self.vorticity.convected();
+        let moved = nodes.len();
+        self.wake_targets.resize(2 * moved);
+        self.wake_velocity.resize(2 * moved);
+        self.wake_velocity.clear();
+        for (i, node) in nodes.clone().enumerate() {
+            let p = self.vorticity.node(node);
+            self.wake_targets.set(i, p);
+            self.wake_targets.set(moved + i, mirrored(p));
+        }
+        let all = self.vorticity.all();
+        induce(&all, &self.wake_targets, &mut self.wake_velocity);
+        self.interactions += interactions(&all, &self.wake_targets);
+        for (i, node) in nodes.enumerate() {
+            let p = Vector::from(self.wake_targets.get(i));
+            let v = Vector::from(self.wake_velocity.get(i)) + Vector::from(mirrored(self.wake_velocity.get(moved + i)));
+            self.vorticity.set_node(node, (p + (v - self.air.carried(&p)) * dt).into());
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! Every message of manduca that crosses HTTP, its ids and its errors, and the
+//! one checked conversion ([`resolve`]) into what the science accepts.
+
+pub mod ids;
+pub mod point;
+pub mod problem;
+pub mod resolve;
+pub mod study;
+pub mod task;
+pub mod view;
+pub mod worker;

@@ -1,0 +1,336 @@
+//! The one checked conversion from what was sent to what the science accepts.
+//! Every fault is found, not just the first, each with its JSON pointer.
+
+use std::collections::BTreeMap;
+
+use manduca_numerics::insect::{Insect, PRESETS};
+use manduca_numerics::kinematics;
+use manduca_numerics::optimise::{GaSettings, SimplexSettings};
+use manduca_numerics::parameters::{Bounds, TABLE, index};
+use manduca_numerics::simulation::{BodyVelocity, Model, Simulation};
+use manduca_numerics::surrogate::TrainSettings;
+use manduca_numerics::table::Table;
+use manduca_numerics::{quasi_steady, uvlm};
+
+use crate::point::ParameterValues;
+use crate::problem::FieldProblem;
+use crate::study::{ElevationPhase, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateSpec};
+
+/// Most samples of one study.
+pub const MAX_SAMPLES: u32 = 200_000;
+/// Fewest samples of one study.
+pub const MIN_SAMPLES: u32 = 20;
+/// Most neurons.
+pub const MAX_NEURONS: u32 = 1_000;
+/// Largest population.
+pub const MAX_POPULATION: u32 = 1_000_000;
+/// Most optimisations of one study.
+pub const MAX_OPTIMISATIONS: usize = 32;
+/// Largest seed: what every JSON reader holds exactly.
+pub const MAX_SEED: u64 = (1 << 53) - 1;
+
+/// The faults found so far and where we are.
+struct Faults {
+    found: Vec<FieldProblem>,
+}
+
+impl Faults {
+    fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+        self.found.push(FieldProblem::new(pointer, detail));
+    }
+
+    fn within(&mut self, pointer: &str, value: f64, min: f64, max: f64) {
+        if !(min..=max).contains(&value) {
+            self.add(pointer, format!("{value} is outside {min} to {max}"));
+        }
+    }
+
+    fn finish<T>(self, value: T) -> Result<T, Vec<FieldProblem>> {
+        if self.found.is_empty() { Ok(value) } else { Err(self.found) }
+    }
+}
+
+/// Everything of the model but the stroke itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResolvedModel {
+    /// Aerodynamics and settings.
+    pub model: Model,
+    /// Insect.
+    pub insect: Insect,
+    /// Sign of the elevation's second harmonic.
+    pub elevation_phase: kinematics::ElevationPhase,
+    /// Elastic storage.
+    pub elastic_storage: f64,
+}
+
+impl ResolvedModel {
+    /// The simulation of one stroke in still air.
+    pub fn simulation(&self, parameters: &ParameterValues) -> Simulation {
+        Simulation {
+            model: self.model,
+            insect: self.insect,
+            parameters: parameters.0,
+            elevation_phase: self.elevation_phase,
+            elastic_storage: self.elastic_storage,
+            body_velocity: BodyVelocity::default(),
+        }
+    }
+}
+
+/// One optimisation, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResolvedOptimisation {
+    /// Bounds with held values.
+    pub bounds: Bounds,
+    /// Genetic algorithm.
+    pub ga: GaSettings,
+    /// Simplex.
+    pub simplex: SimplexSettings,
+}
+
+/// A study, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResolvedStudy {
+    /// Model.
+    pub model: ResolvedModel,
+    /// The sampled box.
+    pub bounds: Bounds,
+    /// Training.
+    pub surrogate: TrainSettings,
+    /// Optimisations in the order given.
+    pub optimisations: Vec<ResolvedOptimisation>,
+}
+
+fn escape(name: &str) -> String {
+    name.replace('~', "~0").replace('/', "~1")
+}
+
+fn set_all<T: Table>(into: &mut T, values: &BTreeMap<String, f64>, at: &str, faults: &mut Faults) {
+    for (name, &value) in values {
+        if let Err(e) = into.set(name, value) {
+            faults.add(format!("{at}/{}", escape(name)), e.to_string());
+        }
+    }
+}
+
+fn model_at(spec: &ModelSpec, at: &str, faults: &mut Faults) -> ResolvedModel {
+    let mut insect = Insect::preset(&spec.insect).unwrap_or_else(|| {
+        faults
+            .add(format!("{at}/insect"), format!("unknown preset `{}`; known are {}", spec.insect, PRESETS.join(", ")));
+        Insect::default()
+    });
+    let before = faults.found.len();
+    set_all(&mut insect, &spec.insect_changes, &format!("{at}/insect_changes"), faults);
+    if faults.found.len() == before
+        && let Err((field, why)) = insect.check()
+    {
+        faults.add(format!("{at}/insect_changes/{field}"), why);
+    }
+    let before = faults.found.len();
+    let model = match spec.kind {
+        ModelKind::Uvlm => {
+            let mut settings = uvlm::Settings::default();
+            set_all(&mut settings, &spec.solver, &format!("{at}/solver"), faults);
+            if faults.found.len() == before
+                && let Err((field, why)) = settings.check()
+            {
+                faults.add(format!("{at}/solver/{field}"), why);
+            }
+            Model::Uvlm(settings)
+        }
+        ModelKind::QuasiSteady => {
+            let mut settings = quasi_steady::Settings::default();
+            set_all(&mut settings, &spec.solver, &format!("{at}/solver"), faults);
+            Model::QuasiSteady(settings)
+        }
+    };
+    faults.within(&format!("{at}/elastic_storage"), spec.elastic_storage, 0.0, 1.0);
+    ResolvedModel {
+        model,
+        insect,
+        elevation_phase: match spec.elevation_phase {
+            ElevationPhase::Plus => kinematics::ElevationPhase::Plus,
+            ElevationPhase::Minus => kinematics::ElevationPhase::Minus,
+        },
+        elastic_storage: spec.elastic_storage,
+    }
+}
+
+/// Checks a model on its own.
+///
+/// # Errors
+/// Every fault with its JSON pointer below `at`.
+pub fn model(spec: &ModelSpec, at: &str) -> Result<ResolvedModel, Vec<FieldProblem>> {
+    let mut faults = Faults { found: Vec::new() };
+    let model = model_at(spec, at, &mut faults);
+    faults.finish(model)
+}
+
+/// Checks ten values against what the model accepts.
+///
+/// # Errors
+/// Every fault with its JSON pointer below `at`.
+pub fn parameters(values: &ParameterValues, at: &str) -> Result<(), Vec<FieldProblem>> {
+    let mut faults = Faults { found: Vec::new() };
+    for (p, &value) in TABLE.iter().zip(&values.0) {
+        faults.within(&format!("{at}/{}", p.name), value, p.least, p.most);
+    }
+    faults.finish(())
+}
+
+fn bounds_at(inside: &Bounds, ranges: &BTreeMap<String, Range>, at: &str, faults: &mut Faults) -> Bounds {
+    let mut bounds = *inside;
+    for (name, range) in ranges {
+        let pointer = format!("{at}/{}", escape(name));
+        let Some(i) = index(name) else {
+            let known: Vec<_> = TABLE.iter().map(|p| p.name).collect();
+            faults.add(pointer, format!("unknown parameter; known are {}", known.join(", ")));
+            continue;
+        };
+        let (low, high) = match *range {
+            Range::Held(value) => (value, value),
+            Range::Between([low, high]) => (low, high),
+        };
+        let (least, most) = (inside.lower[i], inside.upper[i]);
+        if !(least..=most).contains(&low) || !(least..=most).contains(&high) {
+            faults.add(pointer, format!("{low} to {high} {} is not inside {least} to {most}", TABLE[i].unit));
+        } else if low > high {
+            faults.add(pointer, format!("lower bound {low} is above upper bound {high}"));
+        } else {
+            (bounds.lower[i], bounds.upper[i]) = (low, high);
+        }
+    }
+    bounds
+}
+
+fn study_bounds(spec: &StudySpec, faults: &mut Faults) -> Bounds {
+    let accepted = Bounds { lower: TABLE.map(|p| p.least), upper: TABLE.map(|p| p.most) };
+    let given = bounds_at(&accepted, &spec.parameters, "/parameters", faults);
+    let mut bounds = Bounds::default();
+    for name in spec.parameters.keys() {
+        if let Some(i) = index(name) {
+            (bounds.lower[i], bounds.upper[i]) = (given.lower[i], given.upper[i]);
+        }
+    }
+    if (0..TABLE.len()).all(|i| bounds.is_held(i)) {
+        faults.add("/parameters", "every parameter is held: there is nothing to sample");
+    }
+    bounds
+}
+
+fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faults) -> TrainSettings {
+    faults.within("/surrogate/neurons", spec.neurons.into(), 1.0, MAX_NEURONS.into());
+    faults.within("/surrogate/max_iterations", spec.max_iterations.into(), 1.0, 10_000.0);
+    faults.within("/surrogate/patience", spec.patience.into(), 1.0, 1_000.0);
+    faults.within("/surrogate/train_share", spec.train_share, 0.1, 0.98);
+    faults.within("/surrogate/validation_share", spec.validation_share, 0.01, 0.5);
+    let rest = 1.0 - spec.train_share - spec.validation_share;
+    if rest * f64::from(samples) < 1.0 - 1e-9 {
+        faults.add("/surrogate/train_share", "leaves no sample to test with");
+    }
+    TrainSettings {
+        neurons: spec.neurons as usize,
+        max_iterations: spec.max_iterations as usize,
+        patience: spec.patience as usize,
+        train_share: spec.train_share,
+        validation_share: spec.validation_share,
+        seed,
+    }
+}
+
+fn optimisation_at(
+    spec: &OptimisationSpec,
+    study: &Bounds,
+    seed: u64,
+    at: &str,
+    faults: &mut Faults,
+) -> ResolvedOptimisation {
+    name_at(&spec.name, &format!("{at}/name"), faults);
+    let bounds = bounds_at(study, &spec.parameters, &format!("{at}/parameters"), faults);
+    if (0..TABLE.len()).all(|i| bounds.is_held(i)) {
+        faults.add(format!("{at}/parameters"), "every parameter is held: there is nothing to optimise");
+    }
+    faults.within(&format!("{at}/penalty_r"), spec.penalty_r, 0.0, 1e9);
+    faults.within(&format!("{at}/penalty_s"), spec.penalty_s, 0.0, 1e9);
+    faults.within(&format!("{at}/population"), spec.population.into(), 10.0, MAX_POPULATION.into());
+    faults.within(&format!("{at}/generations"), spec.generations.into(), 1.0, 10_000.0);
+    faults.within(&format!("{at}/tolerance"), spec.tolerance, 0.0, 1.0);
+    faults.within(&format!("{at}/simplex_tolerance"), spec.simplex_tolerance, 0.0, 1.0);
+    faults.within(&format!("{at}/clearance_margin_mm"), spec.clearance_margin_mm, -1000.0, 1000.0);
+    faults.within(&format!("{at}/verify_strokes"), spec.verify_strokes.into(), 4.0, 200.0);
+    ResolvedOptimisation {
+        bounds,
+        ga: GaSettings {
+            population: spec.population as usize,
+            generations: spec.generations as usize,
+            tolerance: spec.tolerance,
+            seed,
+            ..GaSettings::default()
+        },
+        simplex: SimplexSettings { tolerance: spec.simplex_tolerance, ..SimplexSettings::default() },
+    }
+}
+
+/// Checks the settings of a network on their own, for `samples` samples.
+///
+/// # Errors
+/// Every fault with its JSON pointer.
+pub fn surrogate(spec: &SurrogateSpec, samples: u32, seed: u64) -> Result<TrainSettings, Vec<FieldProblem>> {
+    let mut faults = Faults { found: Vec::new() };
+    let settings = surrogate_at(spec, samples, seed, &mut faults);
+    faults.finish(settings)
+}
+
+/// Checks an optimisation on its own, inside the bounds of its study.
+///
+/// # Errors
+/// Every fault with its JSON pointer.
+pub fn optimisation(
+    spec: &OptimisationSpec,
+    study: &Bounds,
+    seed: u64,
+) -> Result<ResolvedOptimisation, Vec<FieldProblem>> {
+    let mut faults = Faults { found: Vec::new() };
+    let optimisation = optimisation_at(spec, study, seed, "", &mut faults);
+    faults.finish(optimisation)
+}
+
+fn name_at(name: &str, at: &str, faults: &mut Faults) {
+    let length = name.chars().count();
+    if !(1..=100).contains(&length) || name.chars().any(char::is_control) {
+        faults.add(at, "must have 1 to 100 characters, none of them control characters");
+    }
+}
+
+/// Checks a whole study.
+///
+/// # Errors
+/// Every fault with its JSON pointer.
+pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
+    let mut faults = Faults { found: Vec::new() };
+    name_at(&spec.name, "/name", &mut faults);
+    if spec.description.chars().count() > 10_000 {
+        faults.add("/description", "is longer than 10000 characters");
+    }
+    if spec.seed > MAX_SEED {
+        faults.add("/seed", format!("is above {MAX_SEED}"));
+    }
+    let model = model_at(&spec.model, "/model", &mut faults);
+    let bounds = study_bounds(spec, &mut faults);
+    let samples = spec.sampling.samples;
+    faults.within("/sampling/samples", samples.into(), MIN_SAMPLES.into(), MAX_SAMPLES.into());
+    faults.within("/sampling/clearance_margin_mm", spec.sampling.clearance_margin_mm, -1000.0, 1000.0);
+    let surrogate = surrogate_at(&spec.surrogate, samples, spec.seed, &mut faults);
+    if spec.optimisations.len() > MAX_OPTIMISATIONS {
+        faults.add("/optimisations", format!("more than {MAX_OPTIMISATIONS}"));
+    }
+    let mut optimisations = Vec::new();
+    for (i, optimisation) in spec.optimisations.iter().take(MAX_OPTIMISATIONS).enumerate() {
+        let at = format!("/optimisations/{i}");
+        if spec.optimisations[..i].iter().any(|other| other.name == optimisation.name) {
+            faults.add(format!("{at}/name"), "is the name of an earlier optimisation");
+        }
+        optimisations.push(optimisation_at(optimisation, &bounds, spec.seed, &at, &mut faults));
+    }
+    faults.finish(ResolvedStudy { model, bounds, surrogate, optimisations })
+}

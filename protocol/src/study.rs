@@ -1,0 +1,190 @@
+//! A study as a user writes it, in TOML or JSON. Whatever is left out has the
+//! default shown here; whatever is unknown is refused.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A whole study.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StudySpec {
+    /// Name, 1 to 100 characters.
+    pub name: String,
+    /// Free text.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub description: String,
+    /// Seed of everything random in the study, at most 2^53 - 1.
+    #[serde(default)]
+    pub seed: u64,
+    /// Insect, aerodynamics and solver settings.
+    #[serde(default)]
+    pub model: ModelSpec,
+    /// Bounds `[low, high]` or a held value per parameter; the paper's box where left out.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, Range>,
+    /// How many samples.
+    pub sampling: SamplingSpec,
+    /// The neural network.
+    #[serde(default)]
+    pub surrogate: SurrogateSpec,
+    /// What to optimise on it, in order.
+    #[serde(default)]
+    pub optimisations: Vec<OptimisationSpec>,
+}
+
+/// Bounds or a held value.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged, expecting = "expected a number, which holds the parameter, or [low, high]")]
+pub enum Range {
+    /// Held at this value.
+    Held(f64),
+    /// Free between low and high.
+    Between([f64; 2]),
+}
+
+/// Which aerodynamic model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ModelKind {
+    /// Extended unsteady vortex lattice.
+    #[default]
+    Uvlm,
+    /// Quasi-steady blade elements.
+    QuasiSteady,
+}
+
+/// Sign of the elevation's second harmonic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ElevationPhase {
+    /// U-shaped tip path.
+    #[default]
+    Plus,
+    /// Inverted U.
+    Minus,
+}
+
+/// Insect, aerodynamics and solver settings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ModelSpec {
+    /// Aerodynamic model.
+    pub kind: ModelKind,
+    /// Preset the insect starts from: `hawkmoth` or `hawkmoth-f1`.
+    pub insect: String,
+    /// Changes to the preset, field by field, SI units (`manduca insects` lists them).
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub insect_changes: BTreeMap<String, f64>,
+    /// Settings of the solver which differ from its defaults (`manduca simulate --help` lists them).
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub solver: BTreeMap<String, f64>,
+    /// Sign of the elevation's second harmonic.
+    pub elevation_phase: ElevationPhase,
+    /// Share of a joint's negative power that a spring returns, 0 to 1.
+    pub elastic_storage: f64,
+}
+
+impl Default for ModelSpec {
+    fn default() -> Self {
+        Self {
+            kind: ModelKind::Uvlm,
+            insect: "hawkmoth".into(),
+            insect_changes: BTreeMap::new(),
+            solver: BTreeMap::new(),
+            elevation_phase: ElevationPhase::Plus,
+            elastic_storage: 0.0,
+        }
+    }
+}
+
+/// The sampling of the design box.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingSpec {
+    /// Feasible samples wanted.
+    pub samples: u32,
+    /// Least distance of the wings from the plane of symmetry, mm.
+    #[serde(default)]
+    pub clearance_margin_mm: f64,
+}
+
+/// The neural network and its training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurrogateSpec {
+    /// Neurons in the hidden layer.
+    pub neurons: u32,
+    /// Most iterations of Levenberg-Marquardt.
+    pub max_iterations: u32,
+    /// Iterations without a better validation error before it stops.
+    pub patience: u32,
+    /// Share of the samples trained on.
+    pub train_share: f64,
+    /// Share of the samples which decide when to stop; the rest tests.
+    pub validation_share: f64,
+}
+
+impl Default for SurrogateSpec {
+    fn default() -> Self {
+        Self { neurons: 500, max_iterations: 200, patience: 6, train_share: 0.8, validation_share: 0.1 }
+    }
+}
+
+/// One optimisation on the trained network: genetic algorithm, then simplex.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OptimisationSpec {
+    /// Name, unique in the study.
+    pub name: String,
+    /// Narrower bounds or held values, inside the study's.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub parameters: BTreeMap<String, Range>,
+    /// Weight r of |1-L+| + |D+| + |M+| (paper Eq. 8).
+    #[serde(default = "penalty_r")]
+    pub penalty_r: f64,
+    /// Weight s of leaving the bounds (paper Eq. 8).
+    #[serde(default = "penalty_s")]
+    pub penalty_s: f64,
+    /// Individuals of the genetic algorithm.
+    #[serde(default = "population")]
+    pub population: u32,
+    /// Most generations.
+    #[serde(default = "generations")]
+    pub generations: u32,
+    /// Stop when the best fitness changes less than this over 50 generations.
+    #[serde(default = "tolerance")]
+    pub tolerance: f64,
+    /// Stop tolerance of the simplex.
+    #[serde(default = "simplex_tolerance")]
+    pub simplex_tolerance: f64,
+    /// Least distance of the wings from the plane of symmetry, mm.
+    #[serde(default)]
+    pub clearance_margin_mm: f64,
+    /// Strokes of the re-simulation of the optimum (UVLM); more strokes, smaller standard error.
+    #[serde(default = "verify_strokes")]
+    pub verify_strokes: u32,
+}
+
+fn penalty_r() -> f64 {
+    2.0
+}
+fn penalty_s() -> f64 {
+    5.0
+}
+fn population() -> u32 {
+    100_000
+}
+fn generations() -> u32 {
+    300
+}
+fn tolerance() -> f64 {
+    1e-6
+}
+fn simplex_tolerance() -> f64 {
+    1e-10
+}
+fn verify_strokes() -> u32 {
+    18
+}

@@ -1,0 +1,337 @@
+//! What users are shown.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::ids::{JobId, StudyId, WorkerId};
+use crate::point::ParameterValues;
+use crate::problem::FieldProblem;
+use crate::study::StudySpec;
+use crate::task::{EpochMessage, ErrorsMessage, JobKind, Progress, Provenance, Scaled, SimulateResult};
+use crate::task::{OptimiseResult, ScaledEstimates};
+
+/// State of a study.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StudyState {
+    /// Simulations run.
+    Sampling,
+    /// The network is trained.
+    Training,
+    /// The network is optimised on.
+    Optimising,
+    /// Optima are simulated again.
+    Verifying,
+    /// Done.
+    Succeeded,
+    /// A stage could not be finished.
+    Failed,
+    /// Stopped by a user for good.
+    Cancelled,
+    /// Stopped by a user for now.
+    Paused,
+}
+
+/// State of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum JobState {
+    /// Waits for a worker.
+    Ready,
+    /// Waits after a failed attempt.
+    Delayed,
+    /// With a worker.
+    Leased,
+    /// Done.
+    Succeeded,
+    /// Answered: the stroke cannot be flown.
+    Infeasible,
+    /// Given up after the last attempt.
+    Dead,
+    /// Stopped by a user.
+    Cancelled,
+}
+
+/// How many jobs are in each state.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[allow(missing_docs)]
+pub struct JobCounts {
+    pub ready: u64,
+    pub delayed: u64,
+    pub leased: u64,
+    pub succeeded: u64,
+    pub infeasible: u64,
+    pub dead: u64,
+    pub cancelled: u64,
+}
+
+/// A study in a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StudySummary {
+    /// Id.
+    pub id: StudyId,
+    /// Name.
+    pub name: String,
+    /// State.
+    pub state: StudyState,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// Samples wanted.
+    pub samples: u32,
+    /// Samples which have their result.
+    pub samples_succeeded: u64,
+}
+
+/// Wall time of the stages so far, s, pauses included.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[allow(missing_docs)]
+pub struct StageSeconds {
+    pub sampling: Option<f64>,
+    pub training: Option<f64>,
+    pub optimising: Option<f64>,
+    pub verifying: Option<f64>,
+}
+
+/// A whole study. `GET /v1/studies/{study}`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StudyView {
+    /// Id.
+    pub id: StudyId,
+    /// State.
+    pub state: StudyState,
+    /// The stage a paused study returns to.
+    pub paused_from: Option<StudyState>,
+    /// Why it failed.
+    pub failure: Option<String>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+    /// The study as submitted.
+    pub spec: StudySpec,
+    /// Sampling jobs by state.
+    pub samples: JobCounts,
+    /// Jobs of the present stage by state.
+    pub stage_jobs: JobCounts,
+    /// Where the stage's one long job is.
+    pub progress: Option<Progress>,
+    /// Jobs per second over the last minute of this stage.
+    pub rate_per_s: Option<f64>,
+    /// Estimated seconds to the end of this stage.
+    pub eta_s: Option<f64>,
+    /// Wall time per stage.
+    pub stages_s: StageSeconds,
+    /// Errors of the network on the test share.
+    pub surrogate: Option<ErrorsMessage>,
+    /// Optima found so far.
+    pub optimisations: Vec<OptimumView>,
+}
+
+/// Training without the weights. `GET /v1/studies/{study}/surrogate`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SurrogateView {
+    /// Training curve.
+    pub curve: Vec<EpochMessage>,
+    /// Iteration the network is from.
+    pub best_iteration: u32,
+    /// Why it stopped.
+    pub stopped: String,
+    /// Neurons.
+    pub neurons: u32,
+    /// Errors on the training share.
+    pub train: ErrorsMessage,
+    /// Errors on the validation share.
+    pub validation: ErrorsMessage,
+    /// Errors on the test share.
+    pub test: ErrorsMessage,
+}
+
+/// Ask the network. `POST /v1/studies/{study}/surrogate/predictions`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PredictionRequest {
+    /// Points, at most 1000.
+    pub points: Vec<ParameterValues>,
+}
+
+/// The network's answers in the order asked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictionResponse {
+    /// Scaled values.
+    pub predictions: Vec<Scaled>,
+}
+
+/// One optimisation with its re-simulation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OptimumView {
+    /// Name of the optimisation.
+    pub name: String,
+    /// `pending`, `optimised`, `verified` or `failed`.
+    pub status: OptimumStatus,
+    /// What the optimiser found.
+    pub optimum: Option<OptimiseResult>,
+    /// The UVLM flown there again.
+    pub simulated: Option<SimulateResult>,
+    /// Simulated minus predicted.
+    pub gap: Option<Scaled>,
+}
+
+/// How far an optimisation is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OptimumStatus {
+    /// Not yet optimised.
+    Pending,
+    /// Optimised, not yet simulated again.
+    Optimised,
+    /// Simulated again.
+    Verified,
+    /// A job of it died.
+    Failed,
+}
+
+/// The answer of a study. `GET /v1/studies/{study}/optimum`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StudyResult {
+    /// The study.
+    pub study: StudyId,
+    /// Its state.
+    pub state: StudyState,
+    /// Samples.
+    pub samples: SampleCounts,
+    /// Test errors of the network.
+    pub surrogate: Option<SurrogateErrors>,
+    /// Optima.
+    pub optimisations: Vec<OptimumResult>,
+    /// Wall time per stage.
+    pub stages_s: StageSeconds,
+    /// Version of the numbers.
+    pub solver_version: String,
+}
+
+/// How the samples ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[allow(missing_docs)]
+pub struct SampleCounts {
+    pub succeeded: u64,
+    pub infeasible: u64,
+    pub dead: u64,
+}
+
+/// Test errors of the network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SurrogateErrors {
+    /// Root mean square errors of the scaled outputs on the test share.
+    pub rmse: Scaled,
+}
+
+/// One optimum, flat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OptimumResult {
+    /// Name of the optimisation.
+    pub name: String,
+    /// How far it is.
+    pub status: OptimumStatus,
+    /// The optimum.
+    pub parameters: Option<ParameterValues>,
+    /// By the network.
+    pub predicted: Option<Scaled>,
+    /// By the solver.
+    pub simulated: Option<ScaledEstimates>,
+    /// Why the solver has no means there.
+    pub infeasible: Option<String>,
+    /// Simulated power per lift.
+    pub power_per_lift_w_per_n: Option<f64>,
+    /// Least distance of the wings from the plane of symmetry, mm.
+    pub clearance_mm: Option<f64>,
+}
+
+/// A job in a list. `GET /v1/studies/{study}/jobs`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobView {
+    /// Id.
+    pub id: JobId,
+    /// Kind.
+    pub kind: JobKind,
+    /// What it is for.
+    pub role: JobRole,
+    /// Index of the sample or of the optimisation.
+    pub ordinal: u32,
+    /// State.
+    pub state: JobState,
+    /// Attempts so far.
+    pub attempt: u32,
+    /// Worker which has it.
+    pub worker: Option<WorkerId>,
+    /// The last failure, or why it is infeasible.
+    pub reason: Option<String>,
+    /// Whether its result is that of an equal earlier simulation.
+    pub cached: bool,
+    /// How it was computed.
+    pub provenance: Option<Provenance>,
+}
+
+/// What a job is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum JobRole {
+    /// A sample of the design box.
+    Sample,
+    /// The training.
+    Train,
+    /// An optimisation.
+    Optimise,
+    /// An optimum flown again.
+    Verify,
+}
+
+/// One page of a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Page<T> {
+    /// The items.
+    pub items: Vec<T>,
+    /// Where the next page begins; absent on the last.
+    pub next_cursor: Option<String>,
+}
+
+/// One row of the dataset. `GET /v1/studies/{study}/dataset`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DatasetRow {
+    /// Index of the sample.
+    pub sample: u32,
+    /// The stroke.
+    pub parameters: ParameterValues,
+    /// What the simulation says.
+    #[serde(flatten)]
+    pub result: SimulateResult,
+}
+
+/// A worker. `GET /v1/workers`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct WorkerView {
+    /// Id.
+    pub id: WorkerId,
+    /// Name.
+    pub name: String,
+    /// Slots.
+    pub slots: u32,
+    /// Instruction level.
+    pub level: String,
+    /// Jobs it has now.
+    pub leased: u64,
+    /// Jobs it has finished.
+    pub completed: u64,
+    /// Attempts it has failed.
+    pub failed: u64,
+    /// Seconds since it was last heard of.
+    pub last_seen_s: f64,
+    /// Whether it still counts as alive.
+    pub alive: bool,
+}
+
+/// Whether a study would be accepted and what it would cost. `POST /v1/studies?dry_run=true`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DryRun {
+    /// Simulations it would queue.
+    pub simulations: u64,
+    /// Faults; empty when it would be accepted.
+    pub errors: Vec<FieldProblem>,
+}
