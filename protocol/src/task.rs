@@ -21,6 +21,7 @@ pub enum JobKind {
 
 /// What to compute. The bulk (`dataset`, `network`) is filled in by the
 /// coordinator when a worker asks for a job's task.
+#[allow(clippy::large_enum_variant, reason = "a task is built once per job and never stored in bulk")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Task {

@@ -214,8 +214,8 @@ fn induce_block(sheet: &Sheet<'_>, target: &[Lane; 3], rows: &mut [[Seen; MAX_CO
     for j in 0..sheet.nodes[0].len() / columns {
         let (first, second) = rows.split_at_mut(1);
         let (above, row) = if j % 2 == 0 { (&second[0], &mut first[0]) } else { (&first[0], &mut second[0]) };
-        for k in 0..columns {
-            row[k] = see(sheet, j * columns + k, target);
+        for (k, seen) in row[..columns].iter_mut().enumerate() {
+            *seen = see(sheet, j * columns + k, target);
         }
         let along = j * (columns - 1);
         if j == 0 {

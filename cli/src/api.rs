@@ -1,0 +1,138 @@
+//! A coordinator as the command line sees it.
+
+use anyhow::{Context, Result};
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::view::{DryRun, Page, StudyResult, StudySummary, StudyView};
+use manduca_worker::http::{self, CallError, Http};
+use serde::Deserialize;
+
+use crate::exit::refused;
+
+/// Studies asked for per page of the list.
+const PAGE: &str = "1000";
+
+/// The part of any answer about a study which names it.
+#[derive(Deserialize)]
+struct Named {
+    id: StudyId,
+}
+
+/// A coordinator.
+#[derive(Debug, Clone)]
+pub struct Api {
+    http: Http,
+}
+
+impl Api {
+    /// The coordinator at an address.
+    pub fn new(url: &str) -> Result<Self> {
+        Ok(Self { http: Http::new(url).map_err(refused)? })
+    }
+
+    /// Submits a study; submissions with one key are one study.
+    pub async fn submit(&self, spec: &StudySpec, key: Option<&str>) -> Result<StudyId> {
+        let mut request = self.http.post("/v1/studies").json(spec);
+        if let Some(key) = key {
+            request = request.header("idempotency-key", key);
+        }
+        Ok(http::call::<Named>(request).await.context("cannot submit the study")?.id)
+    }
+
+    /// Whether a study would be accepted.
+    pub async fn dry_run(&self, spec: &StudySpec) -> Result<DryRun, CallError> {
+        http::call(self.http.post("/v1/studies").query(&[("dry_run", "true")]).json(spec)).await
+    }
+
+    /// All studies, the oldest first.
+    pub async fn studies(&self) -> Result<Vec<StudySummary>, CallError> {
+        let mut all = Vec::new();
+        let mut cursor: Option<String> = None;
+        loop {
+            let mut request = self.http.get("/v1/studies").query(&[("limit", PAGE)]);
+            if let Some(cursor) = &cursor {
+                request = request.query(&[("cursor", cursor)]);
+            }
+            let page: Page<StudySummary> = http::call(request).await?;
+            all.extend(page.items);
+            cursor = page.next_cursor;
+            if cursor.is_none() {
+                // Ids are made from the clock, so they sort by age.
+                all.sort_by_key(|study: &StudySummary| study.id);
+                return Ok(all);
+            }
+        }
+    }
+
+    /// A study.
+    pub async fn study(&self, id: StudyId) -> Result<StudyView, CallError> {
+        http::call(self.http.get(&format!("/v1/studies/{id}"))).await
+    }
+
+    /// Its optima.
+    pub async fn result(&self, id: StudyId) -> Result<StudyResult, CallError> {
+        http::call(self.http.get(&format!("/v1/studies/{id}/optimum"))).await
+    }
+
+    /// `pause`, `resume`, `cancel` or `retry-failed`.
+    pub async fn act(&self, id: StudyId, action: &str) -> Result<(), CallError> {
+        http::send(self.http.post(&format!("/v1/studies/{id}/{action}"))).await.map(drop)
+    }
+
+    /// The dataset in a media type, as it comes.
+    pub async fn dataset(&self, id: StudyId, media_type: &str) -> Result<reqwest::Response, CallError> {
+        let request = self.http.get(&format!("/v1/studies/{id}/dataset"));
+        http::send(request.header("accept", media_type).timeout(std::time::Duration::from_secs(3600))).await
+    }
+
+    /// The study a person means by a whole id, the end of one, or `latest`.
+    pub async fn find(&self, text: &str) -> Result<StudyId> {
+        if let Ok(id) = text.parse() {
+            return Ok(id);
+        }
+        pick(text, &self.studies().await?)
+    }
+}
+
+/// The beginnings of ids made on one day are all alike: their ends tell them apart.
+fn pick(text: &str, studies: &[StudySummary]) -> Result<StudyId> {
+    if text == "latest" {
+        return studies.iter().map(|s| s.id).max().ok_or_else(|| refused("there are no studies yet"));
+    }
+    let wanted = text.to_ascii_lowercase();
+    let ends = |s: &&StudySummary| !wanted.is_empty() && s.id.to_string().ends_with(&wanted);
+    let matching: Vec<_> = studies.iter().filter(ends).collect();
+    match matching[..] {
+        [study] => Ok(study.id),
+        [] => Err(refused(format!("no study's id is or ends with `{text}` (`manduca study list` shows them)"))),
+        _ => Err(refused(format!("{} studies' ids end with `{text}`: give more of it", matching.len()))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use manduca_protocol::view::StudyState;
+
+    fn study(id: &str) -> StudySummary {
+        StudySummary {
+            id: id.parse().unwrap(),
+            name: "x".into(),
+            state: StudyState::Sampling,
+            created_at: String::new(),
+            samples: 1,
+            samples_succeeded: 0,
+        }
+    }
+
+    #[test]
+    fn a_study_is_found_by_the_end_of_its_id() {
+        let studies = [study("01890000-0000-7000-8000-00000000abcd"), study("01890000-0000-7000-8000-00000001abcd")];
+        assert_eq!(pick("1ABCD", &studies).unwrap(), studies[1].id);
+        assert_eq!(pick("latest", &studies).unwrap(), studies[1].id);
+        assert!(pick("abcd", &studies).unwrap_err().to_string().contains("2 studies"));
+        assert!(pick("ffff", &studies).is_err());
+        assert!(pick("", &studies).is_err());
+        assert!(pick("latest", &[]).is_err());
+    }
+}

@@ -1,0 +1,289 @@
+//! The command line.
+
+mod model;
+mod solver;
+
+pub use model::{Model, ModelArgs};
+pub use solver::SolverOptions;
+
+use std::path::PathBuf;
+
+use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+
+const EXAMPLES: &str = "\
+Examples:
+  manduca run                      a whole small study in this process, then its optimum
+  manduca run paper --slots 8      the paper's study; Ctrl-C stops, the same line goes on
+  manduca simulate --case all      the paper's five strokes, flown, beside its numbers
+  manduca serve                    a coordinator ...
+  manduca worker --coordinator http://host:8080          ... machines which work for it
+  manduca study submit my.toml     ... and a study for them
+
+Exit codes: 0 done, 1 failed, 2 usage or refused input, 130 interrupted.
+Log lines on standard error: -v, -vv, -q, or MANDUCA_LOG / RUST_LOG (such as `info,sqlx=warn`).";
+
+/// Finds the wing strokes on which a hawkmoth, or any flapping insect or robot,
+/// hovers at least power: strokes are sampled, flown with a vortex lattice on
+/// any number of machines, learnt by a neural network, optimised on it, and the
+/// optimum is flown again.
+#[derive(Debug, Parser)]
+#[command(name = "manduca", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
+pub struct Cli {
+    /// Say more on standard error (-v, -vv, -vvv).
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub verbose: u8,
+    /// Say nothing on standard error but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Do a whole study here: sample, train, optimise, fly the optimum again.
+    Run(RunArgs),
+    /// Be the coordinator: take studies, lease their jobs to workers, keep the results.
+    Serve(ServeArgs),
+    /// Compute jobs for a coordinator.
+    Worker(WorkerArgs),
+    /// Submit, watch and steer studies of a coordinator.
+    #[command(subcommand)]
+    Study(StudyCommand),
+    /// Write the dataset of a study.
+    Dataset(DatasetArgs),
+    /// Show the optima of a study beside the paper's.
+    Optimum(TargetArgs),
+    /// Fly one stroke and print its means.
+    Simulate(SimulateArgs),
+    /// List the insect presets, or print one as a table to copy.
+    Insects(InsectsArgs),
+    /// List the solver's settings with ranges and defaults.
+    Settings(SettingsArgs),
+    /// Ask a coordinator whether it is well; exit code 0 if so.
+    #[command(hide = true)]
+    Healthcheck(HealthcheckArgs),
+    /// A compute slot; workers start it.
+    #[command(hide = true)]
+    Slot,
+}
+
+/// `manduca run`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The study runs as a service does, in one process: a coordinator on a loopback port, its
+database under --data, and a worker with child processes. Interrupted by Ctrl-C (finish
+the running jobs) or even by a power cut, the same command goes on where it was.
+
+Examples:
+  manduca run                            the built-in `quick`
+  manduca run paper --data /big/paper    the full study of the paper
+  manduca run my.toml --json > my.json   the answer as one JSON object")]
+pub struct RunArgs {
+    /// A study file (TOML or JSON), or a built-in study: quick, paper.
+    #[arg(default_value = "quick")]
+    pub study: String,
+    /// Folder of the database.
+    #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
+    pub data: PathBuf,
+    /// Jobs computed at the same time [default: one per core].
+    #[arg(long, value_name = "N", env = "MANDUCA_SLOTS")]
+    pub slots: Option<usize>,
+    /// Print one JSON object instead of tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca serve`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Whoever reaches the port may submit studies and take jobs: there are no tokens yet. An
+address other than loopback therefore needs --insecure, and a network you trust.
+
+Examples:
+  manduca serve
+  manduca serve --listen 0.0.0.0:8080 --insecure --data /var/lib/manduca")]
+pub struct ServeArgs {
+    /// Address to listen on.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "MANDUCA_LISTEN")]
+    pub listen: String,
+    /// Folder of the database.
+    #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
+    pub data: PathBuf,
+    /// Listen on an address others can reach, without any authentication.
+    #[arg(long)]
+    pub insecure: bool,
+}
+
+/// `manduca worker`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A worker may come and go at any time. On Ctrl-C or SIGTERM it finishes its jobs, delivers
+them and leaves; a second signal makes it leave at once and its jobs are computed elsewhere.
+
+Example:
+  manduca worker --coordinator http://10.0.0.5:8080 --slots 16")]
+pub struct WorkerArgs {
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Jobs computed at the same time [default: one per core].
+    #[arg(long, value_name = "N", env = "MANDUCA_SLOTS")]
+    pub slots: Option<usize>,
+    /// Name for people [default: the host's].
+    #[arg(long)]
+    pub name: Option<String>,
+}
+
+/// Where the coordinator is.
+#[derive(Debug, Clone, Args)]
+pub struct Coordinator {
+    /// Address of the coordinator.
+    #[arg(
+        long = "coordinator",
+        value_name = "URL",
+        default_value = "http://127.0.0.1:8080",
+        env = "MANDUCA_COORDINATOR"
+    )]
+    pub url: String,
+}
+
+/// `manduca study ...`.
+#[derive(Debug, Subcommand)]
+pub enum StudyCommand {
+    /// Submit a study file (TOML or JSON) or a built-in study.
+    Submit(SubmitArgs),
+    /// List studies, the newest last.
+    List(ListArgs),
+    /// Show one study.
+    Show(TargetArgs),
+    /// Follow a study until it ends; Ctrl-C stops following, not the study.
+    Watch(TargetArgs),
+    /// Lease no more of its jobs for now.
+    Pause(TargetArgs),
+    /// Go on with a paused study.
+    Resume(TargetArgs),
+    /// Stop it for good; its results are kept.
+    Cancel(TargetArgs),
+    /// Try its dead jobs again.
+    RetryFailed(TargetArgs),
+}
+
+/// `manduca study submit`.
+#[derive(Debug, Args)]
+pub struct SubmitArgs {
+    /// A study file, or a built-in study: quick, paper.
+    pub study: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Only ask whether it would be accepted and what it would cost.
+    #[arg(long, conflicts_with = "wait")]
+    pub dry_run: bool,
+    /// Follow it to its end and print its optimum.
+    #[arg(long)]
+    pub wait: bool,
+    /// Submissions with the same key are one study.
+    #[arg(long, value_name = "KEY")]
+    pub idempotency_key: Option<String>,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca study list`.
+#[derive(Debug, Args)]
+pub struct ListArgs {
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A study to show or steer.
+#[derive(Debug, Args)]
+pub struct TargetArgs {
+    /// Its id, the end of its id, or `latest`.
+    #[arg(value_name = "STUDY")]
+    pub study: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca dataset`.
+#[derive(Debug, Args)]
+pub struct DatasetArgs {
+    /// Id of the study, the end of its id, or `latest`.
+    #[arg(value_name = "STUDY")]
+    pub study: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// csv: one row per sample; ndjson: one object per line; json: one array of them.
+    #[arg(long, value_enum, default_value_t = DatasetFormat::Csv)]
+    pub format: DatasetFormat,
+    /// Write to this file instead of standard output.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// How a dataset is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs)]
+pub enum DatasetFormat {
+    Csv,
+    Json,
+    Ndjson,
+}
+
+/// `manduca simulate`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  manduca simulate                                 the hovering moth as measured
+  manduca simulate --case all                      all five strokes of the paper
+  manduca simulate --set frequency_hz=30 --set stroke_plane_deg=0
+  manduca simulate --spanwise-panels 16 --steps-per-stroke 96 --strokes 12 --json
+  manduca simulate --insect-set wing_mass_kg=0     a wing without inertia")]
+pub struct SimulateArgs {
+    /// Stroke to start from: reference, optimum-1, optimum-2, five-direct, five-ann, or all of them.
+    #[arg(long, default_value = "reference", value_parser = model::case_names())]
+    pub case: String,
+    /// Change one of the ten parameters.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = model::assignment)]
+    pub set: Vec<(String, f64)>,
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// Print one JSON object; an infeasible stroke is an answer, exit code 0.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca insects`.
+#[derive(Debug, Args)]
+pub struct InsectsArgs {
+    /// A preset to print in full.
+    pub name: Option<String>,
+}
+
+/// `manduca settings`.
+#[derive(Debug, Args)]
+pub struct SettingsArgs {
+    /// Model whose settings are listed.
+    #[arg(long, value_enum, default_value_t = Model::Uvlm)]
+    pub model: Model,
+}
+
+/// `manduca healthcheck`.
+#[derive(Debug, Args)]
+pub struct HealthcheckArgs {
+    /// What to ask.
+    #[arg(long, default_value = "http://127.0.0.1:8080/healthz")]
+    pub url: String,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,33 @@
+//! One module per command.
+
+mod dataset;
+mod host;
+mod lists;
+mod run;
+mod serve;
+mod simulate;
+mod study;
+mod worker;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+
+use crate::args::Command;
+
+/// Does what was asked for.
+pub async fn dispatch(command: Command) -> Result<ExitCode> {
+    match command {
+        Command::Run(args) => run::run(args).await,
+        Command::Serve(args) => serve::serve(args).await,
+        Command::Healthcheck(args) => serve::healthcheck(args).await,
+        Command::Worker(args) => worker::worker(args).await,
+        Command::Study(command) => study::dispatch(command).await,
+        Command::Optimum(args) => study::optimum(args).await,
+        Command::Dataset(args) => dataset::dataset(args).await,
+        Command::Simulate(args) => simulate::simulate(&args),
+        Command::Insects(args) => lists::insects(&args),
+        Command::Settings(args) => lists::settings(&args),
+        Command::Slot => Ok(manduca_worker::slot::slot_main()),
+    }
+}

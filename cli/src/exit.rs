@@ -1,0 +1,71 @@
+//! How the program ends: 0 done, 1 failed, 2 refused, 130 interrupted.
+
+use std::fmt;
+use std::io;
+use std::process::ExitCode;
+
+use manduca_worker::WorkerError;
+use manduca_worker::http::CallError;
+
+use crate::output::note;
+
+/// Ended by Ctrl-C, as shells count it.
+pub const INTERRUPTED: u8 = 130;
+const FAILED: u8 = 1;
+const REFUSED: u8 = 2;
+
+/// What was asked for makes no sense as it stands; the text says what to change.
+#[derive(Debug)]
+pub struct Refused(pub String);
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Refused {}
+
+/// An error which says what to change.
+pub fn refused(text: impl Into<String>) -> anyhow::Error {
+    anyhow::Error::new(Refused(text.into()))
+}
+
+/// Tells the error and picks the exit code.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    if is_broken_pipe(error) {
+        // `manduca dataset latest | head` has read enough: that is no failure.
+        return ExitCode::SUCCESS;
+    }
+    note(format_args!("error: {error:#}"));
+    ExitCode::from(code(error))
+}
+
+fn code(error: &anyhow::Error) -> u8 {
+    let refused = error.chain().any(|cause| {
+        let by_coordinator =
+            matches!(cause.downcast_ref::<CallError>().and_then(CallError::status), Some(400 | 404 | 409 | 413 | 422));
+        let by_worker = matches!(cause.downcast_ref::<WorkerError>(), Some(WorkerError::Settings(_)));
+        by_coordinator || by_worker || cause.is::<Refused>()
+    });
+    if refused { REFUSED } else { FAILED }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|c| c.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn codes_follow_the_cause_however_deep() {
+        let deep = Err::<(), _>(refused("no such study")).context("while looking").unwrap_err();
+        assert_eq!(code(&deep), REFUSED);
+        assert_eq!(code(&anyhow::anyhow!("disk full")), FAILED);
+        let pipe = anyhow::Error::from(io::Error::from(io::ErrorKind::BrokenPipe)).context("writing");
+        assert!(is_broken_pipe(&pipe) && !is_broken_pipe(&deep));
+    }
+}

@@ -1,0 +1,31 @@
+//! The `manduca` command: studies of flapping flight, from sampling to optimum.
+
+mod api;
+mod args;
+mod commands;
+mod exit;
+mod follow;
+mod logging;
+mod output;
+mod progress;
+mod render;
+mod signals;
+mod study_file;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let cli = args::Cli::parse();
+    if matches!(cli.command, args::Command::Slot) {
+        // A slot is no async program: it reads, computes and writes.
+        return manduca_worker::slot::slot_main();
+    }
+    logging::start(&cli);
+    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return exit::report(&error.into()),
+    };
+    runtime.block_on(commands::dispatch(cli.command)).unwrap_or_else(|error| exit::report(&error))
+}

@@ -1,0 +1,209 @@
+//! How far a study is: a bar on a terminal, a line now and then elsewhere.
+
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use manduca_protocol::view::{StudyState, StudyView};
+
+use crate::output::note;
+
+/// Between two lines about the same stage where there is no terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(5);
+
+/// A stage at a glance.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Glance {
+    /// Stage in words.
+    pub stage: &'static str,
+    /// Steps done.
+    pub done: u64,
+    /// Steps in all; 0 where unknown.
+    pub total: u64,
+    /// Rate, time left, troubles.
+    pub detail: String,
+}
+
+/// What there is to say about the present stage of a study.
+pub fn glance(view: &StudyView) -> Glance {
+    let state = if view.state == StudyState::Paused { view.paused_from.unwrap_or(view.state) } else { view.state };
+    let jobs = &view.stage_jobs;
+    let all = jobs.ready + jobs.delayed + jobs.leased + jobs.succeeded + jobs.infeasible + jobs.dead;
+    let mut details = Vec::new();
+    let (done, total) = match (state, &view.progress) {
+        (StudyState::Sampling, _) => (view.samples.succeeded, view.spec.sampling.samples.into()),
+        (_, Some(progress)) => {
+            details.push(progress.note.clone());
+            (progress.done, progress.total)
+        }
+        _ => (jobs.succeeded + jobs.infeasible, all),
+    };
+    if state == StudyState::Sampling {
+        details.extend(view.rate_per_s.filter(|&r| r > 0.0).map(|rate| format!("{rate:.1}/s")));
+    }
+    details.extend(view.eta_s.filter(|_| done < total).map(|eta| format!("{} left", span(eta))));
+    for (count, what) in [(jobs.infeasible, "infeasible"), (jobs.delayed, "to be retried"), (jobs.dead, "given up")] {
+        if count > 0 {
+            details.push(format!("{count} {what}"));
+        }
+    }
+    if view.state == StudyState::Paused {
+        details.push("paused".into());
+    }
+    Glance { stage: stage(state), done, total, detail: details.join(", ") }
+}
+
+/// A state in words.
+pub fn stage(state: StudyState) -> &'static str {
+    match state {
+        StudyState::Sampling => "sampling",
+        StudyState::Training => "training",
+        StudyState::Optimising => "optimising",
+        StudyState::Verifying => "verifying",
+        StudyState::Succeeded => "succeeded",
+        StudyState::Failed => "failed",
+        StudyState::Cancelled => "cancelled",
+        StudyState::Paused => "paused",
+    }
+}
+
+/// Seconds as a person says them.
+pub fn span(seconds: f64) -> String {
+    let whole = seconds.max(0.0).round() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, _) if seconds < 10.0 => format!("{:.1} s", seconds.max(0.0)),
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) => format!("{m} min {s:02} s"),
+        (h, m, _) => format!("{h} h {m:02} min"),
+    }
+}
+
+/// Shows one glance after the other.
+pub struct Meter {
+    bar: Option<ProgressBar>,
+    shown: Option<Glance>,
+    since: Instant,
+    line_at: Instant,
+}
+
+impl Meter {
+    /// A meter on standard error.
+    pub fn new() -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(0);
+            if let Ok(style) = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len}  {msg}  [{elapsed}]") {
+                bar.set_style(style);
+            }
+            bar
+        });
+        Self { bar, shown: None, since: Instant::now(), line_at: Instant::now() }
+    }
+
+    /// Shows where a study is.
+    pub fn show(&mut self, glance: Glance) {
+        let new_stage = self.shown.as_ref().is_none_or(|shown| shown.stage != glance.stage);
+        if new_stage {
+            self.close_stage();
+            self.since = Instant::now();
+        }
+        match &self.bar {
+            Some(bar) => {
+                if new_stage {
+                    bar.reset_elapsed();
+                    bar.enable_steady_tick(Duration::from_millis(500));
+                }
+                bar.set_prefix(glance.stage);
+                bar.set_length(glance.total);
+                bar.set_position(glance.done);
+                bar.set_message(glance.detail.clone());
+            }
+            None if self.shown.as_ref() != Some(&glance) && (new_stage || self.line_at.elapsed() >= BETWEEN_LINES) => {
+                note(line(&glance));
+                self.line_at = Instant::now();
+            }
+            None => {}
+        }
+        self.shown = Some(glance);
+    }
+
+    /// Says how a stage went; its last glance may be a moment short of its end.
+    fn close_stage(&mut self) {
+        let Some(glance) = self.shown.take() else { return };
+        let text = format!("{:10} done in {}", glance.stage, span(self.since.elapsed().as_secs_f64()));
+        self.say(&text);
+    }
+
+    /// Says something without spoiling the bar.
+    pub fn say(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => note(text),
+        }
+    }
+
+    /// Takes the bar away; `done` says whether the last stage came to its end.
+    pub fn finish(mut self, done: bool) {
+        if done {
+            self.close_stage();
+        }
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn line(glance: &Glance) -> String {
+    let detail = if glance.detail.is_empty() { String::new() } else { format!("  {}", glance.detail) };
+    format!("{:10} {}/{}{detail}", glance.stage, glance.done, glance.total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use manduca_protocol::ids::StudyId;
+    use manduca_protocol::task::Progress;
+    use manduca_protocol::view::{JobCounts, StageSeconds};
+
+    fn view(state: StudyState) -> StudyView {
+        StudyView {
+            id: StudyId::new(),
+            state,
+            paused_from: None,
+            failure: None,
+            created_at: String::new(),
+            spec: crate::study_file::load("quick").unwrap(),
+            samples: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
+            stage_jobs: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
+            progress: None,
+            rate_per_s: Some(12.34),
+            eta_s: Some(75.0),
+            stages_s: StageSeconds::default(),
+            surrogate: None,
+            optimisations: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn sampling_counts_feasible_samples() {
+        let glance = glance(&view(StudyState::Sampling));
+        assert_eq!(line(&glance), "sampling   120/300  12.3/s, 1 min 15 s left, 4 infeasible");
+    }
+
+    #[test]
+    fn a_paused_study_shows_the_stage_it_rests_in() {
+        let mut paused = view(StudyState::Paused);
+        paused.paused_from = Some(StudyState::Training);
+        paused.stage_jobs = JobCounts::default();
+        paused.progress = Some(Progress { done: 3, total: 9, note: "iteration 3".into() });
+        paused.eta_s = None;
+        assert_eq!(line(&glance(&paused)), "training   3/9  iteration 3, paused");
+    }
+
+    #[test]
+    fn spans_read_well() {
+        assert_eq!(
+            [0.04, 9.94, 59.6, 3599.0, 7260.0].map(span),
+            ["0.0 s", "9.9 s", "1 min 00 s", "59 min 59 s", "2 h 01 min"]
+        );
+    }
+}

@@ -1,0 +1,166 @@
+//! A study's answer, beside the paper's.
+
+use std::io;
+
+use manduca_numerics::cases::{CASES, Case, case};
+use manduca_numerics::parameters::OUTPUTS;
+use manduca_protocol::view::{OptimumResult, StageSeconds, StudyResult};
+
+use super::{dash, estimate, estimates, fixed, parameter_rows, scaled};
+use crate::output::Output;
+use crate::progress::span;
+
+/// Gap of prediction and simulation, scaled, from which on an optimum is to be doubted.
+const DOUBTFUL: f64 = 0.1;
+
+/// Optima beside the paper's, then what they took.
+pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
+    for optimum in &result.optimisations {
+        one(out, optimum)?;
+        out.line("")?;
+    }
+    if let Some(surrogate) = &result.surrogate {
+        let errors =
+            OUTPUTS.iter().zip(scaled(&surrogate.rmse)).map(|((_, _, symbol, _), e)| format!("{symbol} {e:.4}"));
+        out.line(format_args!("network   test errors (rms): {}", errors.collect::<Vec<_>>().join(", ")))?;
+    }
+    let counts = result.samples;
+    let mut samples = format!("samples   {} flown", counts.succeeded);
+    for (count, what) in [(counts.infeasible, "infeasible"), (counts.dead, "given up")] {
+        if count > 0 {
+            samples += &format!(", {count} {what}");
+        }
+    }
+    out.line(samples)?;
+    out.line(format_args!("time      {}", stages(&result.stages_s)))
+}
+
+/// Wall time of each stage.
+pub fn stages(s: &StageSeconds) -> String {
+    let all =
+        [("sampling", s.sampling), ("training", s.training), ("optimising", s.optimising), ("verifying", s.verifying)];
+    let known = all.into_iter().filter_map(|(name, time)| Some(format!("{name} {}", span(time?))));
+    known.collect::<Vec<_>>().join(", ")
+}
+
+/// The published case an optimisation asks to be compared with, by its name:
+/// `case-II` and `optimum 2` mean the second, `five` Table 4, anything else the first.
+fn published(name: &str) -> &'static Case {
+    let lower = name.to_lowercase();
+    let words: Vec<_> = lower.split(|c: char| !c.is_ascii_alphanumeric()).collect();
+    let means = |any: &[&str]| any.iter().any(|word| words.contains(word));
+    let wanted = if means(&["ii", "2"]) {
+        "optimum-2"
+    } else if means(&["five", "5"]) {
+        "five-ann"
+    } else {
+        "optimum-1"
+    };
+    case(wanted).unwrap_or(&CASES[0])
+}
+
+fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
+    let paper = published(&optimum.name);
+    out.heading(format_args!("{} beside {}", optimum.name, paper.title))?;
+    let points = [optimum.parameters.map(|p| p.0), Some(paper.parameters)];
+    let header = ["parameter", "this study", "paper"].map(String::from);
+    out.table(&header, &parameter_rows(&points))?;
+    out.line("")?;
+    let header = ["mean", "predicted", "simulated ± se", "paper"].map(String::from);
+    out.table(&header, &means(optimum, paper))?;
+    if let Some(reason) = &optimum.infeasible {
+        out.line(format_args!("the optimum cannot be flown: {reason}"))?;
+    }
+    if let Some(doubt) = doubt(optimum) {
+        out.line(doubt)?;
+    }
+    if let Some(clearance) = optimum.clearance_mm {
+        out.line(format_args!("the wings keep {clearance:.2} mm from the plane of symmetry"))?;
+    }
+    Ok(())
+}
+
+/// An optimum is worth what the network knew there, and the re-simulation tells.
+fn doubt(optimum: &OptimumResult) -> Option<String> {
+    let (predicted, simulated) = (scaled(optimum.predicted.as_ref()?), estimates(optimum.simulated.as_ref()?));
+    let gaps = predicted.iter().zip(&simulated).map(|(p, s)| (p - s.mean).abs());
+    let worst = gaps.fold(0.0, f64::max);
+    (worst > DOUBTFUL)
+        .then(|| format!("the network is off by {worst:.2} here: more samples would make a better optimum"))
+}
+
+fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
+    let predicted = optimum.predicted.as_ref().map(scaled);
+    let simulated = optimum.simulated.as_ref().map(estimates);
+    let published = [Some(paper.paper_lift), Some(0.0), Some(0.0), paper.paper_power_mw.map(|p| p / 84.2)];
+    let mut rows: Vec<Vec<String>> = OUTPUTS
+        .iter()
+        .enumerate()
+        .map(|(i, (name, _, symbol, _))| {
+            vec![
+                format!("{symbol} {}", name.replace('_', " ")),
+                predicted.map_or_else(dash, |p| fixed(p[i], 4)),
+                simulated.map_or_else(dash, |s| estimate(&s[i])),
+                published[i].map_or_else(dash, |p| format!("{p:.3}")),
+            ]
+        })
+        .collect();
+    let per_lift = optimum.power_per_lift_w_per_n.map_or_else(dash, |p| format!("{p:.3}"));
+    rows.push(vec!["P/L [W/N]".into(), dash(), per_lift, format!("{:.2}", paper.paper_power_per_lift)]);
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::capture;
+    use manduca_protocol::ids::StudyId;
+    use manduca_protocol::point::ParameterValues;
+    use manduca_protocol::task::{Estimate, Scaled, ScaledEstimates};
+    use manduca_protocol::view::{OptimumStatus, SampleCounts, StudyState};
+
+    #[test]
+    fn a_case_is_known_by_its_name() {
+        let names = ["case-I", "case-II", "Case II, r = 20", "five parameters", "whatever"];
+        let wanted = ["optimum-1", "optimum-2", "optimum-2", "five-ann", "optimum-1"];
+        assert_eq!(names.map(|n| published(n).name), wanted);
+    }
+
+    #[test]
+    fn the_answer_stands_beside_the_papers() {
+        let at = |mean| Estimate { mean, se: 0.002 };
+        let optimum = OptimumResult {
+            name: "case-I".into(),
+            status: OptimumStatus::Verified,
+            parameters: Some(ParameterValues([26.0, 1.5, -4.0, 15.0, 1.0, 60.0, 0.0, 59.0, 0.02, 1.25])),
+            predicted: Some(Scaled { lift: 1.0, drag: 0.0, pitch_moment: 0.0, power: 0.81 }),
+            simulated: Some(ScaledEstimates {
+                lift: at(0.98),
+                drag: at(0.01),
+                pitch_moment: at(-0.02),
+                power: at(0.8),
+            }),
+            infeasible: None,
+            power_per_lift_w_per_n: Some(4.56),
+            clearance_mm: Some(0.5),
+        };
+        assert_eq!(doubt(&optimum), None);
+        let wrong = Some(Scaled { lift: 1.2, drag: 0.0, pitch_moment: 0.0, power: 0.81 });
+        assert!(doubt(&OptimumResult { predicted: wrong, ..optimum.clone() }).unwrap().contains("0.22"));
+        let study = StudyResult {
+            study: StudyId::new(),
+            state: StudyState::Succeeded,
+            samples: SampleCounts { succeeded: 300, infeasible: 2, dead: 0 },
+            surrogate: None,
+            optimisations: vec![optimum],
+            stages_s: StageSeconds { sampling: Some(61.0), ..StageSeconds::default() },
+            solver_version: "1".into(),
+        };
+        let (mut out, captured) = capture::output();
+        result(&mut out, &study).unwrap();
+        let text = captured.text();
+        for part in ["25.3", "0.9800 ± 0.0020", "4.560", "4.50", "300 flown, 2 infeasible", "sampling 1 min 01 s"] {
+            assert!(text.contains(part), "{part} in\n{text}");
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! All routes with what is common to them.
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+
+use crate::error::ApiError;
+use crate::routes;
+use crate::state::AppState;
+
+/// The whole service without a socket.
+pub fn app(state: AppState) -> Router {
+    let (router, document) = routes::all().split_for_parts();
+    router
+        .merge(routes::openapi::router(document))
+        .fallback(|| async { ApiError::NoRoute })
+        .method_not_allowed_fallback(|| async { ApiError::MethodNotAllowed })
+        // Bodies are read with limits of their own, route by route.
+        .layer(DefaultBodyLimit::disable())
+        .with_state(state)
+}

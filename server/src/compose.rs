@@ -1,0 +1,96 @@
+//! Tasks are composed from the study when they are needed: nothing is stored twice.
+
+use std::time::Duration;
+
+use manduca_numerics::uvlm;
+use manduca_protocol::point::ParameterValues;
+use manduca_protocol::resolve::ResolvedStudy;
+use manduca_protocol::study::{ModelKind, StudySpec};
+use manduca_protocol::task::{
+    BoundsMessage, JobKind, NetworkMessage, OptimiseTask, SimulateTask, Task, TrainSample, TrainTask,
+};
+use manduca_protocol::view::JobRole;
+use manduca_protocol::worker::Lease;
+
+use crate::draw::simulate_task;
+use crate::store::{Leased, StoreError, kind_of};
+
+/// How long a job may compute before it is taken for an endless one.
+fn run_limit(kind: JobKind) -> Duration {
+    match kind {
+        JobKind::Simulate => Duration::from_secs(600),
+        JobKind::Train => Duration::from_secs(4 * 3600),
+        JobKind::Optimise => Duration::from_secs(2 * 3600),
+    }
+}
+
+/// The lease of a job as the worker gets it: simulations with their task, the
+/// rest to be fetched, for their tasks are large.
+pub(crate) fn lease(leased: &Leased, spec: &StudySpec) -> Result<Lease, StoreError> {
+    let kind = kind_of(leased.role);
+    let task = match &leased.parameters {
+        Some(parameters) => Some(simulation(spec, leased.role, leased.ordinal, parameters)?),
+        None => None,
+    };
+    Ok(Lease {
+        job: leased.job,
+        attempt: leased.attempt,
+        study: leased.study,
+        kind,
+        run_limit_s: run_limit(kind).as_secs_f64(),
+        task,
+    })
+}
+
+/// The task of a simulation whose stroke is stored.
+pub(crate) fn simulation(spec: &StudySpec, role: JobRole, ordinal: u32, parameters: &str) -> Result<Task, StoreError> {
+    let point = serde_json::from_str(parameters).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    Ok(Task::Simulate(match role {
+        JobRole::Verify => verify_task(spec, ordinal, ParameterValues(point)),
+        _ => simulate_task(spec, &point),
+    }))
+}
+
+/// The simulation which flies an optimum again, over more strokes than a sample.
+pub(crate) fn verify_task(spec: &StudySpec, ordinal: u32, parameters: ParameterValues) -> SimulateTask {
+    let mut model = spec.model.clone();
+    let asked = spec.optimisations.get(ordinal as usize).map_or(0, |o| o.verify_strokes);
+    if model.kind == ModelKind::Uvlm {
+        let sampled = model.solver.get("strokes").copied().unwrap_or(uvlm::Settings::default().strokes as f64);
+        if f64::from(asked) > sampled {
+            model.solver.insert("strokes".into(), asked.into());
+        }
+    }
+    SimulateTask { model, parameters }
+}
+
+/// The training on a study's samples.
+pub(crate) fn train_task(spec: &StudySpec, study: &ResolvedStudy, dataset: Vec<TrainSample>) -> Task {
+    Task::Train(TrainTask {
+        surrogate: spec.surrogate.clone(),
+        seed: spec.seed,
+        bounds: BoundsMessage { lower: study.bounds.lower, upper: study.bounds.upper },
+        dataset,
+    })
+}
+
+/// One of a study's optimisations on its network.
+pub(crate) fn optimise_task(
+    spec: &StudySpec,
+    study: &ResolvedStudy,
+    ordinal: u32,
+    network: NetworkMessage,
+) -> Result<Task, StoreError> {
+    let (Some(optimisation), Some(resolved)) =
+        (spec.optimisations.get(ordinal as usize), study.optimisations.get(ordinal as usize))
+    else {
+        return Err(StoreError::Corrupt(format!("the study has no optimisation {ordinal}")));
+    };
+    Ok(Task::Optimise(OptimiseTask {
+        model: spec.model.clone(),
+        bounds: BoundsMessage { lower: resolved.bounds.lower, upper: resolved.bounds.upper },
+        optimisation: optimisation.clone(),
+        seed: spec.seed,
+        network,
+    }))
+}

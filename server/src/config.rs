@@ -1,0 +1,87 @@
+//! Every number the coordinator's behaviour depends on, named.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How the coordinator behaves. The default suits one coordinator with any
+/// number of workers in one network.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// The SQLite file; it is created when missing, its folder too.
+    pub database: PathBuf,
+    /// How long a lease lasts without renewal.
+    pub lease: Duration,
+    /// How often workers are asked to renew.
+    pub renew: Duration,
+    /// Failures (expiries among them) after which a job is given up.
+    pub max_attempts: u32,
+    /// Wait after the first failure; each further one waits four times as long.
+    pub backoff: Duration,
+    /// Longest wait after a failure.
+    pub max_backoff: Duration,
+    /// How often expired leases and waits are looked for.
+    pub sweep: Duration,
+    /// How long open requests may take to finish at shutdown.
+    pub shutdown: Duration,
+    /// How long a request's body may take to arrive.
+    pub body_wait: Duration,
+    /// Largest body of a study, bytes.
+    pub study_limit: usize,
+    /// Largest body of an exchange, bytes: a trained network is in one.
+    pub exchange_limit: usize,
+    /// Largest body of anything else, bytes.
+    pub body_limit: usize,
+    /// Connections which only read.
+    pub readers: u32,
+    /// Refused results kept as evidence.
+    pub evidence: u32,
+}
+
+impl Config {
+    /// The defaults on a database.
+    pub fn new(database: impl Into<PathBuf>) -> Self {
+        Self {
+            database: database.into(),
+            lease: Duration::from_secs(15),
+            renew: Duration::from_secs(5),
+            max_attempts: 3,
+            backoff: Duration::from_secs(1),
+            max_backoff: Duration::from_secs(60),
+            sweep: Duration::from_millis(500),
+            shutdown: Duration::from_secs(10),
+            body_wait: Duration::from_secs(30),
+            study_limit: 10 << 20,
+            exchange_limit: 64 << 20,
+            body_limit: 2 << 20,
+            readers: 4,
+            evidence: 1000,
+        }
+    }
+
+    /// How long a job waits after its `failures`-th failure, ms.
+    pub(crate) fn backoff_ms(&self, failures: u32) -> i64 {
+        let factor = 4_u32.saturating_pow(failures.saturating_sub(1));
+        millis(self.backoff.saturating_mul(factor).min(self.max_backoff))
+    }
+
+    /// How long a lease lasts, ms.
+    pub(crate) fn lease_ms(&self) -> i64 {
+        millis(self.lease)
+    }
+}
+
+/// A duration as the store counts time.
+pub(crate) fn millis(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_wait_grows_fourfold_up_to_its_limit() {
+        let config = Config::new("x");
+        assert_eq!([1, 2, 3, 4, 99].map(|n| config.backoff_ms(n)), [1000, 4000, 16_000, 60_000, 60_000]);
+    }
+}

@@ -1,0 +1,174 @@
+//! The dataset as text, in each of its formats. Rows hold numbers only, never
+//! where or when they were computed: the same study flown elsewhere gives the
+//! same bytes.
+
+use manduca_numerics::parameters::{OUTPUTS, TABLE};
+use manduca_protocol::task::{Estimate, SimulateOutcome};
+use manduca_protocol::view::DatasetRow;
+
+/// How rows are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Format {
+    /// One array.
+    Json,
+    /// One object per line.
+    NdJson,
+    /// RFC 4180, one header line.
+    Csv,
+}
+
+impl Format {
+    /// What is offered, for refusals.
+    pub(crate) const OFFERED: &'static str = "application/json, text/csv and application/x-ndjson";
+
+    /// By its short name in a query string.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        match name {
+            "json" => Some(Self::Json),
+            "ndjson" => Some(Self::NdJson),
+            "csv" => Some(Self::Csv),
+            _ => None,
+        }
+    }
+
+    /// The first media type of an Accept header which is offered; JSON where there is none.
+    pub(crate) fn accepted(accept: Option<&str>) -> Option<Self> {
+        let Some(accept) = accept else { return Some(Self::Json) };
+        accept.split(',').find_map(|range| match range.split(';').next().unwrap_or_default().trim() {
+            "application/json" | "application/*" | "*/*" => Some(Self::Json),
+            "application/x-ndjson" => Some(Self::NdJson),
+            "text/csv" | "text/*" => Some(Self::Csv),
+            _ => None,
+        })
+    }
+
+    /// Its media type.
+    pub(crate) fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::NdJson => "application/x-ndjson",
+            Self::Csv => "text/csv; charset=utf-8; header=present",
+        }
+    }
+
+    /// What comes before the first row.
+    pub(crate) fn head(self) -> String {
+        match self {
+            Self::Json => "[".into(),
+            Self::NdJson => String::new(),
+            Self::Csv => csv_header(),
+        }
+    }
+
+    /// What comes after the last row.
+    pub(crate) fn tail(self) -> &'static str {
+        match self {
+            Self::Json => "\n]\n",
+            Self::NdJson | Self::Csv => "",
+        }
+    }
+
+    /// Appends a row.
+    ///
+    /// # Errors
+    /// When it cannot be serialised.
+    pub(crate) fn append(self, row: &DatasetRow, first: bool, text: &mut String) -> Result<(), serde_json::Error> {
+        match self {
+            Self::Json => {
+                text.push_str(if first { "\n" } else { ",\n" });
+                text.push_str(&serde_json::to_string(row)?);
+            }
+            Self::NdJson => {
+                text.push_str(&serde_json::to_string(row)?);
+                text.push('\n');
+            }
+            Self::Csv => csv_row(row, text)?,
+        }
+        Ok(())
+    }
+}
+
+fn csv_header() -> String {
+    let mut columns = vec!["sample".to_owned(), "outcome".to_owned()];
+    columns.extend(TABLE.iter().map(|p| p.name.to_owned()));
+    for name in OUTPUTS.iter().map(|o| o.1).chain(OUTPUTS.iter().map(|o| o.0)) {
+        columns.extend([name.to_owned(), format!("{name}_se")]);
+    }
+    columns.extend(["reason".to_owned(), "solver_version".to_owned()]);
+    columns.join(",") + "\r\n"
+}
+
+fn csv_row(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error> {
+    text.push_str(&row.sample.to_string());
+    let (outcome, estimates, reason) = match &row.result.outcome {
+        SimulateOutcome::Ok { means: m, scaled: s, .. } => {
+            let estimates = [m.lift_n, m.drag_n, m.pitch_moment_nm, m.power_w, s.lift, s.drag, s.pitch_moment, s.power];
+            ("ok", Some(estimates), "")
+        }
+        SimulateOutcome::Infeasible { reason } => ("infeasible", None, reason.as_str()),
+    };
+    text.push(',');
+    text.push_str(outcome);
+    for value in row.parameters.0 {
+        number(value, text)?;
+    }
+    match estimates {
+        Some(estimates) => {
+            for Estimate { mean, se } in estimates {
+                number(mean, text)?;
+                number(se, text)?;
+            }
+        }
+        None => text.push_str(&",".repeat(4 * OUTPUTS.len())),
+    }
+    for field in [reason, &row.result.solver_version] {
+        text.push(',');
+        push_quoted(field, text);
+    }
+    text.push_str("\r\n");
+    Ok(())
+}
+
+/// A number as JSON writes it: the shortest text which reads back as the same number.
+fn number(value: f64, text: &mut String) -> Result<(), serde_json::Error> {
+    text.push(',');
+    text.push_str(&serde_json::to_string(&value)?);
+    Ok(())
+}
+
+fn push_quoted(field: &str, text: &mut String) {
+    if field.contains(['"', ',', '\n', '\r']) {
+        text.push('"');
+        text.push_str(&field.replace('"', "\"\""));
+        text.push('"');
+    } else {
+        text.push_str(field);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use manduca_protocol::point::ParameterValues;
+    use manduca_protocol::task::SimulateResult;
+
+    use super::*;
+
+    #[test]
+    fn every_row_has_the_columns_of_the_header() {
+        let outcome = SimulateOutcome::Infeasible { reason: "no \"lift\", none".into() };
+        let result = SimulateResult { outcome, solver_version: "1".into() };
+        let row = DatasetRow { sample: 7, parameters: ParameterValues([0.1; 10]), result };
+        let mut text = String::new();
+        Format::Csv.append(&row, true, &mut text).expect("a row");
+        let header = Format::Csv.head();
+        assert_eq!(header.matches(',').count(), text.matches(',').count() - 1, "{text}");
+        assert!(text.starts_with("7,infeasible,0.1,") && text.ends_with(",\"no \"\"lift\"\", none\",1\r\n"), "{text}");
+    }
+
+    #[test]
+    fn the_accept_header_chooses() {
+        assert_eq!(Format::accepted(None), Some(Format::Json));
+        assert_eq!(Format::accepted(Some("image/png, text/csv;q=0.5")), Some(Format::Csv));
+        assert_eq!(Format::accepted(Some("image/png")), None);
+    }
+}

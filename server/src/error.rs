@@ -1,0 +1,217 @@
+//! Every refusal of the API, each with its status. Causes inside the
+//! coordinator are logged here, once, and never shown.
+
+use axum::Json;
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use manduca_protocol::problem::{FieldProblem, Problem};
+
+use crate::store::StoreError;
+
+/// Why a request was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ApiError {
+    /// The body is not JSON at all.
+    #[error("the body is not valid JSON")]
+    MalformedJson(Vec<FieldProblem>),
+    /// The study cannot be accepted.
+    #[error("the study is not valid")]
+    InvalidStudy(Vec<FieldProblem>),
+    /// The body is JSON, but not what this route takes.
+    #[error("the request is not valid")]
+    InvalidRequest(Vec<FieldProblem>),
+    /// The query string is not what this route takes.
+    #[error("the query string is not valid")]
+    InvalidQuery(Vec<FieldProblem>),
+    /// The Idempotency-Key came with another study before.
+    #[error("this Idempotency-Key was used for another study")]
+    IdempotencyKeyReused,
+    /// The body is not declared as JSON.
+    #[error("the body must be sent as application/json")]
+    UnsupportedMediaType,
+    /// None of the media types asked for is offered.
+    #[error("this is offered as {offered}")]
+    NotAcceptable {
+        /// What is offered.
+        offered: &'static str,
+    },
+    /// The body is larger than this route takes.
+    #[error("the body is larger than {limit} bytes")]
+    BodyTooLarge {
+        /// Most bytes.
+        limit: usize,
+    },
+    /// The body did not arrive in time.
+    #[error("the body did not arrive within {seconds} s")]
+    BodyTimeout {
+        /// How long it was waited for.
+        seconds: u64,
+    },
+    /// There is no such route.
+    #[error("there is nothing here; the routes are listed at /openapi.json")]
+    NoRoute,
+    /// There is such a route, but not with this method.
+    #[error("this method is not allowed here")]
+    MethodNotAllowed,
+    /// There is no such study.
+    #[error("there is no study {0}")]
+    UnknownStudy(String),
+    /// There is no such job.
+    #[error("there is no job {0}")]
+    UnknownJob(String),
+    /// The worker is not registered, or said goodbye.
+    #[error("worker {0} is not registered here; it must register anew")]
+    UnknownWorker(String),
+    /// What was asked for does not exist yet.
+    #[error("{0}")]
+    NotYet(&'static str),
+    /// The study's state does not allow this.
+    #[error("{0}")]
+    WrongState(String),
+    /// The worker speaks another version of the exchange.
+    #[error("the worker speaks version {theirs} of the exchange, the coordinator version {ours}")]
+    ProtocolVersion {
+        /// The worker's.
+        theirs: u32,
+        /// The coordinator's.
+        ours: u32,
+    },
+    /// The worker computes other numbers.
+    #[error("the worker's solver has version `{theirs}`, the coordinator's `{ours}`")]
+    SolverVersion {
+        /// The worker's.
+        theirs: String,
+        /// The coordinator's.
+        ours: &'static str,
+    },
+    /// The store could not take or give it now.
+    #[error("the store is not available; try again")]
+    Unavailable(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// A fault of the coordinator.
+    #[error("the coordinator failed at this request")]
+    Internal(#[source] Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl ApiError {
+    /// One fault of the query string.
+    pub fn query(pointer: &str, detail: impl Into<String>) -> Self {
+        Self::InvalidQuery(vec![FieldProblem::new(pointer, detail)])
+    }
+
+    /// Status, slug of the type, title.
+    fn class(&self) -> (StatusCode, &'static str, &'static str) {
+        use StatusCode as S;
+        match self {
+            Self::MalformedJson(_) => (S::BAD_REQUEST, "malformed-json", "Malformed JSON"),
+            Self::InvalidStudy(_) => (S::UNPROCESSABLE_ENTITY, "invalid-study", "Invalid study"),
+            Self::InvalidRequest(_) => (S::UNPROCESSABLE_ENTITY, "invalid-request", "Invalid request"),
+            Self::InvalidQuery(_) => (S::BAD_REQUEST, "invalid-query", "Invalid query string"),
+            Self::IdempotencyKeyReused => (S::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "Idempotency-Key reused"),
+            Self::UnsupportedMediaType => {
+                (S::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type")
+            }
+            Self::NotAcceptable { .. } => (S::NOT_ACCEPTABLE, "not-acceptable", "Not acceptable"),
+            Self::BodyTooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "body-too-large", "Body too large"),
+            Self::BodyTimeout { .. } => (S::REQUEST_TIMEOUT, "body-timeout", "Body too slow"),
+            Self::NoRoute => (S::NOT_FOUND, "no-route", "No such route"),
+            Self::MethodNotAllowed => (S::METHOD_NOT_ALLOWED, "method-not-allowed", "Method not allowed"),
+            Self::UnknownStudy(_) => (S::NOT_FOUND, "unknown-study", "Unknown study"),
+            Self::UnknownJob(_) => (S::NOT_FOUND, "unknown-job", "Unknown job"),
+            Self::UnknownWorker(_) => (S::NOT_FOUND, "unknown-worker", "Unknown worker"),
+            Self::NotYet(_) => (S::NOT_FOUND, "not-yet", "Not there yet"),
+            Self::WrongState(_) => (S::CONFLICT, "wrong-state", "Wrong state"),
+            Self::ProtocolVersion { .. } => {
+                (S::UPGRADE_REQUIRED, "protocol-version", "Another version of the exchange")
+            }
+            Self::SolverVersion { .. } => (S::CONFLICT, "solver-version", "Another version of the solver"),
+            Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
+            Self::Internal(_) => (S::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
+        }
+    }
+
+    /// The fields at fault.
+    fn fields(&self) -> Vec<FieldProblem> {
+        match self {
+            Self::MalformedJson(errors)
+            | Self::InvalidStudy(errors)
+            | Self::InvalidRequest(errors)
+            | Self::InvalidQuery(errors) => errors.clone(),
+            Self::IdempotencyKeyReused => {
+                vec![FieldProblem::new("/headers/idempotency-key", "came with another study before")]
+            }
+            Self::ProtocolVersion { .. } => {
+                vec![FieldProblem::new("/protocol_version", self.to_string())]
+            }
+            Self::SolverVersion { .. } => vec![FieldProblem::new("/solver_version", self.to_string())],
+            _ => Vec::new(),
+        }
+    }
+
+    /// The refusal as sent.
+    pub fn problem(&self) -> Problem {
+        let (status, slug, title) = self.class();
+        Problem {
+            kind: format!("urn:manduca:problem:{slug}"),
+            title: title.into(),
+            status: status.as_u16(),
+            detail: self.to_string(),
+            errors: self.fields(),
+        }
+    }
+
+    fn log(&self) {
+        let (Self::Unavailable(cause) | Self::Internal(cause)) = self else { return };
+        tracing::error!(error.cause = %chain(cause.as_ref()), "A request failed inside the coordinator");
+    }
+}
+
+/// An error with the errors below it, in one line.
+pub(crate) fn chain(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut text = error.to_string();
+    let mut below = error.source();
+    while let Some(cause) = below {
+        text.push_str(": ");
+        text.push_str(&cause.to_string());
+        below = cause.source();
+    }
+    text
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        self.log();
+        let (status, ..) = self.class();
+        let mut response = (status, Json(self.problem())).into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+        if let Some((name, value)) = self.hint() {
+            headers.insert(name, value);
+        }
+        response
+    }
+}
+
+impl ApiError {
+    /// The header a client needs to do better.
+    fn hint(&self) -> Option<(HeaderName, HeaderValue)> {
+        match self {
+            Self::Unavailable(_) => Some((header::RETRY_AFTER, HeaderValue::from_static("1"))),
+            Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/1"))),
+            _ => None,
+        }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::UnknownStudy(id) => Self::UnknownStudy(id.to_string()),
+            StoreError::UnknownWorker(id) => Self::UnknownWorker(id.to_string()),
+            StoreError::UnknownJob(id) => Self::UnknownJob(id.to_string()),
+            StoreError::WrongState(why) => Self::WrongState(why),
+            StoreError::IdempotencyKeyReused => Self::IdempotencyKeyReused,
+            StoreError::Corrupt(_) | StoreError::Panicked => Self::Internal(Box::new(error)),
+            StoreError::Sql(_) | StoreError::Commit(_) | StoreError::Closed => Self::Unavailable(Box::new(error)),
+        }
+    }
+}

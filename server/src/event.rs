@@ -1,0 +1,122 @@
+//! What the store decided, told after the commit which made it so.
+
+use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::view::{JobRole, StudyState};
+
+/// One decision.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Event {
+    Submitted {
+        study: StudyId,
+        samples: u32,
+        cached: u64,
+    },
+    Drawn {
+        study: StudyId,
+        jobs: u64,
+    },
+    Leased {
+        worker: WorkerId,
+        jobs: usize,
+    },
+    Completed {
+        study: StudyId,
+        job: JobId,
+        role: JobRole,
+        worker: WorkerId,
+        outcome: &'static str,
+        wall_s: f64,
+    },
+    Shared {
+        study: StudyId,
+        job: JobId,
+        from: JobId,
+    },
+    Failed {
+        study: StudyId,
+        job: JobId,
+        attempt: u32,
+        reason: String,
+        dead: bool,
+    },
+    Refused {
+        job: JobId,
+        worker: WorkerId,
+        attempt: u32,
+        reason: String,
+    },
+    Nondeterminism {
+        job: JobId,
+        worker: WorkerId,
+        attempt: u32,
+        level: String,
+    },
+    Moved {
+        study: StudyId,
+        state: StudyState,
+        reason: Option<String>,
+    },
+    Registered {
+        worker: WorkerId,
+        name: String,
+        slots: u32,
+        level: String,
+    },
+    Left {
+        worker: WorkerId,
+        jobs: u64,
+    },
+    Recovered {
+        leases: u64,
+    },
+    /// Jobs may be leased which could not before.
+    Ready,
+}
+
+impl Event {
+    /// The log line of this decision, if it has one.
+    pub(crate) fn log(&self) {
+        match self {
+            Self::Submitted { study, samples, cached } => {
+                tracing::info!(study.id = %study, study.samples = samples, study.cached = cached, "Study submitted");
+            }
+            Self::Drawn { study, jobs } => {
+                tracing::info!(study.id = %study, jobs.count = jobs, "Further samples drawn for those without a result");
+            }
+            Self::Leased { worker, jobs } => {
+                tracing::info!(worker.id = %worker, jobs.count = jobs, "Jobs leased");
+            }
+            Self::Completed { study, job, role, worker, outcome, wall_s } => {
+                tracing::info!(study.id = %study, job.id = %job, job.role = ?role, job.outcome = outcome, job.wall_s = wall_s, worker.id = %worker, "Job completed");
+            }
+            Self::Shared { study, job, from } => {
+                tracing::debug!(study.id = %study, job.id = %job, job.result_of = %from, "Job finished by an equal one's result");
+            }
+            Self::Failed { study, job, attempt, reason, dead: false } => {
+                tracing::warn!(study.id = %study, job.id = %job, job.attempt = attempt, job.reason = reason, "Attempt failed; the job will be tried again");
+            }
+            Self::Failed { study, job, attempt, reason, dead: true } => {
+                tracing::error!(study.id = %study, job.id = %job, job.attempt = attempt, job.reason = reason, "Attempt failed; the job is given up");
+            }
+            Self::Refused { job, worker, attempt, reason } => {
+                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, job.reason = reason, "Result refused");
+            }
+            Self::Nondeterminism { job, worker, attempt, level } => {
+                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, worker.level = level, "A finished job got a different result from an equal machine");
+            }
+            Self::Moved { study, state, reason } => {
+                tracing::info!(study.id = %study, study.state = ?state, study.reason = reason.as_deref(), "Study changed its state");
+            }
+            Self::Registered { worker, name, slots, level } => {
+                tracing::info!(worker.id = %worker, worker.name = name, worker.slots = slots, worker.level = level, "Worker registered");
+            }
+            Self::Left { worker, jobs } => {
+                tracing::info!(worker.id = %worker, jobs.count = jobs, "Worker left; its jobs are ready again");
+            }
+            Self::Recovered { leases } => {
+                tracing::info!(leases.count = leases, "Store opened; live leases have a new term");
+            }
+            Self::Ready => {}
+        }
+    }
+}

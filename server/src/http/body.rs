@@ -1,0 +1,168 @@
+//! JSON bodies, read as bytes and parsed so that every refusal names its field.
+
+use axum::body::Bytes;
+use axum::extract::rejection::{BytesRejection, FailedToBufferBody};
+use axum::extract::{DefaultBodyLimit, FromRequest, Request};
+use axum::http::{HeaderMap, header};
+use manduca_protocol::problem::FieldProblem;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::view::PredictionRequest;
+use manduca_protocol::worker::{ExchangeRequest, RegisterRequest};
+use serde::de::DeserializeOwned;
+use serde_json::error::Category;
+use serde_path_to_error::{Path, Segment};
+
+use crate::config::Config;
+use crate::error::ApiError;
+use crate::state::AppState;
+
+/// A body some route takes.
+pub(crate) trait Accepted: DeserializeOwned {
+    /// Most bytes of it.
+    fn limit(config: &Config) -> usize {
+        config.body_limit
+    }
+
+    /// The refusal of one which does not fit.
+    fn refuse(errors: Vec<FieldProblem>) -> ApiError {
+        ApiError::InvalidRequest(errors)
+    }
+}
+
+impl Accepted for StudySpec {
+    fn limit(config: &Config) -> usize {
+        config.study_limit
+    }
+
+    fn refuse(errors: Vec<FieldProblem>) -> ApiError {
+        ApiError::InvalidStudy(errors)
+    }
+}
+
+impl Accepted for ExchangeRequest {
+    fn limit(config: &Config) -> usize {
+        config.exchange_limit
+    }
+}
+
+impl Accepted for RegisterRequest {}
+impl Accepted for PredictionRequest {}
+
+/// A JSON body.
+pub(crate) struct JsonBody<T>(pub(crate) T);
+
+impl<T: Accepted> FromRequest<AppState> for JsonBody<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, ApiError> {
+        if !is_json(request.headers()) {
+            return Err(ApiError::UnsupportedMediaType);
+        }
+        parse(&read(request, T::limit(state.config()), state.config()).await?).map(Self)
+    }
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let declared = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
+    let essence = declared.split(';').next().unwrap_or_default().trim();
+    essence.eq_ignore_ascii_case("application/json")
+}
+
+async fn read(mut request: Request, limit: usize, config: &Config) -> Result<Bytes, ApiError> {
+    DefaultBodyLimit::max(limit).apply(&mut request);
+    let timeout = ApiError::BodyTimeout { seconds: config.body_wait.as_secs() };
+    let read = tokio::time::timeout(config.body_wait, Bytes::from_request(request, &())).await;
+    read.map_err(|_| timeout)?.map_err(|rejection| match rejection {
+        BytesRejection::FailedToBufferBody(FailedToBufferBody::LengthLimitError(_)) => ApiError::BodyTooLarge { limit },
+        _ => ApiError::MalformedJson(vec![FieldProblem::new("", "the body broke off")]),
+    })
+}
+
+/// Parses a whole body.
+///
+/// # Errors
+/// With the JSON pointer of the field at fault.
+pub(crate) fn parse<T: Accepted>(bytes: &[u8]) -> Result<T, ApiError> {
+    let mut deserializer = serde_json::Deserializer::from_slice(bytes);
+    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+        let path = pointer(error.path());
+        let cause = error.into_inner();
+        let detail = cause.to_string();
+        match cause.classify() {
+            Category::Data => T::refuse(vec![FieldProblem::new(named_field(path, &detail), detail)]),
+            _ => ApiError::MalformedJson(vec![FieldProblem::new(path, detail)]),
+        }
+    })?;
+    deserializer.end().map_err(|e| ApiError::MalformedJson(vec![FieldProblem::new("", e.to_string())]))?;
+    Ok(value)
+}
+
+/// The JSON pointer of a path (RFC 6901).
+fn pointer(path: &Path) -> String {
+    let mut pointer = String::new();
+    for segment in path {
+        let token = match segment {
+            Segment::Seq { index } => index.to_string(),
+            Segment::Map { key } => key.replace('~', "~0").replace('/', "~1"),
+            // The name of an enum's variant is no step into the document.
+            Segment::Enum { .. } | Segment::Unknown => continue,
+        };
+        pointer.push('/');
+        pointer.push_str(&token);
+    }
+    pointer
+}
+
+/// Serde places a missing or unknown field at its object; the field itself is
+/// only in the message.
+fn named_field(object: String, detail: &str) -> String {
+    for start in ["missing field `", "unknown field `", "unknown parameter `", "parameter `"] {
+        if let Some(rest) = detail.strip_prefix(start)
+            && let Some((field, _)) = rest.split_once('`')
+        {
+            let token = field.replace('~', "~0").replace('/', "~1");
+            let last = format!("/{token}");
+            return if object.ends_with(&last) { object } else { object + &last };
+        }
+    }
+    object
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pointer_of(json: &str) -> (String, u16) {
+        let problem = parse::<StudySpec>(json.as_bytes()).expect_err("is refused").problem();
+        (problem.errors[0].pointer.clone(), problem.status)
+    }
+
+    #[test]
+    fn the_field_at_fault_is_named() {
+        let cases = [
+            (r#"{"sampling":{"samples":30}}"#, "/name"),
+            (r#"{"name":"a","sampling":{}}"#, "/sampling/samples"),
+            (r#"{"name":"a","sampling":{"samples":30,"colour":1}}"#, "/sampling/colour"),
+            (r#"{"name":"a","sampling":{"samples":-1}}"#, "/sampling/samples"),
+            (r#"{"name":"a","sampling":{"samples":30},"model":{"kind":"cfd"}}"#, "/model/kind"),
+            (
+                r#"{"name":"a","sampling":{"samples":30},"parameters":{"frequency_hz":"fast"}}"#,
+                "/parameters/frequency_hz",
+            ),
+            (
+                r#"{"name":"a","sampling":{"samples":30},"optimisations":[{"name":"x","penalty_r":[]}]}"#,
+                "/optimisations/0/penalty_r",
+            ),
+        ];
+        for (json, expected) in cases {
+            assert_eq!(pointer_of(json), (expected.to_owned(), 422), "{json}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_json_is_malformed() {
+        for json in ["", "{", r#"{"name":NaN}"#, r#"{"name":"a","sampling":{"samples":30}} x"#] {
+            assert_eq!(pointer_of(json).1, 400, "{json}");
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! What lies between HTTP and the handlers: bodies, paths, queries, cursors and
+//! entity tags, each with its refusals.
+
+pub(crate) mod body;
+pub(crate) mod cursor;
+pub(crate) mod etag;
+pub(crate) mod parts;

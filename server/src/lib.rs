@@ -1,0 +1,34 @@
+//! The coordinator of manduca: it takes studies, leases their jobs to workers,
+//! keeps what they return and moves each study from stage to stage. It computes
+//! nothing itself but predictions of a trained network.
+//!
+//! [`run`] serves on a listener until told to stop; [`open`] and [`app`] are its
+//! two halves, so that tests start the real thing without a socket.
+
+mod app;
+mod clock;
+mod compose;
+mod config;
+mod dataset;
+mod draw;
+mod error;
+mod event;
+mod http;
+mod prepare;
+mod rate;
+// The macro which describes routes spells out paths it need not.
+#[allow(unused_qualifications)]
+mod routes;
+mod serve;
+mod state;
+mod store;
+#[cfg(test)]
+mod tests;
+
+pub use app::app;
+pub use clock::{Clock, SystemClock};
+pub use config::Config;
+pub use error::ApiError;
+pub use routes::document as openapi;
+pub use serve::{ServerError, run};
+pub use state::{AppState, open, open_with_clock};

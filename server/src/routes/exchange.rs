@@ -1,0 +1,126 @@
+//! One round trip of a worker.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::State;
+use manduca_protocol::ids::{StudyId, WorkerId};
+use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Lease, MAX_BATCH, MAX_WAIT_S};
+use tokio::time::Instant;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::compose;
+use crate::error::ApiError;
+use crate::http::body::JsonBody;
+use crate::http::parts::Id;
+use crate::prepare::prepare;
+use crate::state::AppState;
+use crate::store::{Exchange, Exchanged, Leased, Prepared, StoreError};
+
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(exchange))
+}
+
+/// A worker returns what it has finished, renews what it computes and takes
+/// what it wants, waiting for it if need be.
+#[utoipa::path(post, path = "/v1/workers/{worker}/exchange", tag = "workers",
+    params(("worker" = WorkerId, Path)), request_body = ExchangeRequest,
+    responses(
+        (status = 200, body = ExchangeResponse),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 413, body = Problem, content_type = "application/problem+json"),
+        (status = 415, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 503, body = Problem, content_type = "application/problem+json"),
+    ))]
+async fn exchange(
+    State(state): State<AppState>,
+    Id(worker): Id<WorkerId>,
+    JsonBody(request): JsonBody<ExchangeRequest>,
+) -> Result<Json<ExchangeResponse>, ApiError> {
+    check(&request)?;
+    let (want, wait) = (request.want, Duration::from_secs_f64(request.wait_s.min(MAX_WAIT_S)));
+    let until = Instant::now() + wait;
+    let complete = prepare_all(request.complete).await?;
+    // Listening starts before looking: a job which becomes ready in between is not missed.
+    let mut notified = Box::pin(state.ready().notified());
+    notified.as_mut().enable();
+    // A coordinator about to stop takes what is brought and gives nothing out.
+    let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
+    let first = Exchange { worker, complete, fail: request.fail, renew: request.renew, want: give(want) };
+    let mut told = state.store().run(first).await?;
+    // A worker with something to hear is told at once, and comes back to wait.
+    while told.is_silent() && give(want) > 0 {
+        tokio::select! {
+            () = state.stopping().cancelled() => break,
+            () = tokio::time::sleep_until(until) => break,
+            () = notified.as_mut() => {}
+        }
+        notified.set(state.ready().notified());
+        notified.as_mut().enable();
+        let again = Exchange { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), want: give(want) };
+        told.leased = state.store().run(again).await?.leased;
+    }
+    Ok(Json(response(told)?))
+}
+
+fn check(request: &ExchangeRequest) -> Result<(), ApiError> {
+    let mut faults = Vec::new();
+    let lengths = [
+        ("/complete", request.complete.len()),
+        ("/fail", request.fail.len()),
+        ("/renew", request.renew.len()),
+        ("/want", request.want as usize),
+    ];
+    for (pointer, length) in lengths {
+        if length > MAX_BATCH {
+            faults.push(FieldProblem::new(pointer, format!("{length} is more than {MAX_BATCH}")));
+        }
+    }
+    if !(request.wait_s >= 0.0 && request.wait_s.is_finite()) {
+        faults.push(FieldProblem::new("/wait_s", format!("{} is not a time to wait", request.wait_s)));
+    }
+    if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
+}
+
+/// Results are serialised and compressed off the threads which serve.
+async fn prepare_all(completions: Vec<Completion>) -> Result<Vec<Prepared>, ApiError> {
+    if completions.is_empty() {
+        return Ok(Vec::new());
+    }
+    let prepared = tokio::task::spawn_blocking(|| completions.into_iter().map(prepare).collect()).await;
+    prepared.map_err(|e| ApiError::Internal(Box::new(e)))?
+}
+
+fn response(told: Exchanged) -> Result<ExchangeResponse, StoreError> {
+    Ok(ExchangeResponse {
+        accepted: told.accepted,
+        rejected: told.rejected,
+        jobs: leases(&told.leased)?,
+        cancel: told.cancel,
+        drain: false,
+    })
+}
+
+/// The leases with their tasks; each study's specification is parsed once.
+fn leases(leased: &[Leased]) -> Result<Vec<Lease>, StoreError> {
+    let mut specs: HashMap<StudyId, Arc<StudySpec>> = HashMap::new();
+    let mut leases = Vec::with_capacity(leased.len());
+    for job in leased {
+        let spec = match specs.get(&job.study) {
+            Some(spec) => spec.clone(),
+            None => {
+                let spec = serde_json::from_str(&job.spec).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+                specs.entry(job.study).or_insert(Arc::new(spec)).clone()
+            }
+        };
+        leases.push(compose::lease(job, &spec)?);
+    }
+    Ok(leases)
+}

@@ -1,0 +1,44 @@
+//! Whether the process runs, and whether it can work.
+
+use axum::Json;
+use axum::extract::State;
+use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_protocol::problem::Problem;
+use serde::Serialize;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::error::ApiError;
+use crate::state::AppState;
+
+/// The coordinator is well.
+#[derive(Debug, Serialize, ToSchema)]
+struct Health {
+    /// Always `ok`; otherwise there is a problem instead.
+    status: &'static str,
+    /// Version of the numbers.
+    solver_version: &'static str,
+}
+
+const OK: Health = Health { status: "ok", solver_version: SOLVER_VERSION };
+
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz))
+}
+
+/// The process answers.
+#[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, body = Health)))]
+async fn healthz() -> Json<Health> {
+    Json(OK)
+}
+
+/// The database answers too.
+#[utoipa::path(get, path = "/readyz", tag = "health", responses(
+    (status = 200, body = Health),
+    (status = 503, body = Problem, content_type = "application/problem+json"),
+))]
+async fn readyz(State(state): State<AppState>) -> Result<Json<Health>, ApiError> {
+    state.store().ping().await?;
+    Ok(Json(OK))
+}

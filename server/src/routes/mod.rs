@@ -1,0 +1,38 @@
+//! The routes, each file with its own `router()`.
+
+mod control;
+mod dataset;
+mod exchange;
+mod health;
+mod jobs;
+pub(crate) mod openapi;
+mod optimum;
+mod studies;
+mod submit;
+mod surrogate;
+mod workers;
+
+use utoipa_axum::router::OpenApiRouter;
+
+use crate::state::AppState;
+
+/// All documented routes: what is served and what `/openapi.json` says come from
+/// the same list.
+pub(crate) fn all() -> OpenApiRouter<AppState> {
+    openapi::described()
+        .merge(submit::router())
+        .merge(studies::router())
+        .merge(control::router())
+        .merge(jobs::router())
+        .merge(dataset::router())
+        .merge(surrogate::router())
+        .merge(optimum::router())
+        .merge(workers::router())
+        .merge(exchange::router())
+        .merge(health::router())
+}
+
+/// The OpenAPI document of all routes.
+pub fn document() -> utoipa::openapi::OpenApi {
+    all().split_for_parts().1
+}

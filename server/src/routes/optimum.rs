@@ -1,0 +1,61 @@
+//! A study's answer.
+
+use axum::Json;
+use axum::extract::State;
+use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::problem::Problem;
+use manduca_protocol::task::SimulateOutcome;
+use manduca_protocol::view::{OptimumResult, OptimumView, SampleCounts, StudyResult, SurrogateErrors};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::error::ApiError;
+use crate::http::parts::Id;
+use crate::state::AppState;
+
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(optimum))
+}
+
+/// The optima found so far, predicted and flown again.
+#[utoipa::path(get, path = "/v1/studies/{study}/optimum", tag = "studies", params(("study" = StudyId, Path)), responses(
+    (status = 200, body = StudyResult),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<StudyResult>, ApiError> {
+    let store = state.store();
+    let head = store.study_head(study).await?;
+    let samples = store.sample_counts(head.study).await?;
+    let optima = store.optima(&head).await?;
+    let solver_version = optima.iter().find_map(|o| Some(o.optimum.as_ref()?.solver_version.clone()));
+    Ok(Json(StudyResult {
+        study,
+        state: head.state(),
+        samples: SampleCounts { succeeded: samples.succeeded, infeasible: samples.infeasible, dead: samples.dead },
+        surrogate: store.surrogate_of(head.study).await?.map(|s| SurrogateErrors { rmse: s.test.rmse }),
+        optimisations: optima.into_iter().map(flat).collect(),
+        stages_s: store.stage_seconds(head.study, state.now_ms()).await?,
+        solver_version: solver_version.unwrap_or_else(|| SOLVER_VERSION.into()),
+    }))
+}
+
+fn flat(view: OptimumView) -> OptimumResult {
+    let (simulated, power_per_lift_w_per_n, infeasible) = match view.simulated.map(|s| s.outcome) {
+        Some(SimulateOutcome::Ok { scaled, power_per_lift_w_per_n, .. }) => {
+            (Some(scaled), power_per_lift_w_per_n, None)
+        }
+        Some(SimulateOutcome::Infeasible { reason }) => (None, None, Some(reason)),
+        None => (None, None, None),
+    };
+    OptimumResult {
+        name: view.name,
+        status: view.status,
+        parameters: view.optimum.as_ref().map(|o| o.parameters),
+        predicted: view.optimum.as_ref().map(|o| o.predicted),
+        simulated,
+        infeasible,
+        power_per_lift_w_per_n,
+        clearance_mm: view.optimum.as_ref().map(|o| o.clearance_mm),
+    }
+}

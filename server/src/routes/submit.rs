@@ -1,0 +1,126 @@
+//! A study comes in.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::resolve;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::view::{DryRun, StudyView};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::studies::view;
+use crate::draw::{Drawn, draw_all};
+use crate::error::ApiError;
+use crate::http::body::JsonBody;
+use crate::http::parts::Params;
+use crate::state::AppState;
+use crate::store::{Submit, Submitted};
+
+/// Longest Idempotency-Key, bytes.
+const LONGEST_KEY: usize = 255;
+
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(submit))
+}
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct SubmitParams {
+    /// Only say whether it would be accepted.
+    #[serde(default)]
+    dry_run: bool,
+}
+
+/// Submits a study, or with `dry_run` asks whether it would be accepted.
+///
+/// The same study under the same Idempotency-Key is submitted once.
+#[utoipa::path(post, path = "/v1/studies", tag = "studies",
+    params(
+        SubmitParams,
+        ("Idempotency-Key" = Option<String>, Header, description = "Makes a repeated submission find the first"),
+    ),
+    request_body = StudySpec,
+    responses(
+        (status = 201, body = StudyView, headers(("Location" = String))),
+        (status = 200, description = "Submitted before under this key, or a dry run", body = DryRun),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 413, body = Problem, content_type = "application/problem+json"),
+        (status = 415, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 503, body = Problem, content_type = "application/problem+json"),
+    ))]
+async fn submit(
+    State(state): State<AppState>,
+    Params(params): Params<SubmitParams>,
+    headers: HeaderMap,
+    body: Result<JsonBody<StudySpec>, ApiError>,
+) -> Result<Response, ApiError> {
+    if params.dry_run {
+        return Ok(Json(dry_run(body).await?).into_response());
+    }
+    let JsonBody(spec) = body?;
+    let submitted = store(&state, spec, idempotency_key(&headers)?).await?;
+    let status = if submitted.created { StatusCode::CREATED } else { StatusCode::OK };
+    let mut response = (status, Json(view(&state, submitted.id).await?)).into_response();
+    if let Ok(location) = HeaderValue::from_str(&format!("/v1/studies/{}", submitted.id)) {
+        response.headers_mut().insert(header::LOCATION, location);
+    }
+    Ok(response)
+}
+
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let key = value.to_str().ok().filter(|key| (1..=LONGEST_KEY).contains(&key.len()));
+    let refused = || {
+        let why = format!("must be 1 to {LONGEST_KEY} printable ASCII characters");
+        ApiError::InvalidRequest(vec![FieldProblem::new("/headers/idempotency-key", why)])
+    };
+    key.map(|key| Some(key.to_owned())).ok_or_else(refused)
+}
+
+async fn store(state: &AppState, spec: StudySpec, idempotency_key: Option<String>) -> Result<Submitted, ApiError> {
+    // Canonical: parsed and written again, so that spelling and order in the body do not matter.
+    let canonical = serde_json::to_string(&spec).map_err(|e| ApiError::Internal(Box::new(e)))?;
+    let digest = *blake3::hash(canonical.as_bytes()).as_bytes();
+    if let Some(key) = &idempotency_key
+        && let Some(id) = state.store().study_by_idempotency_key(key, &digest).await?
+    {
+        return Ok(Submitted { id, created: false });
+    }
+    let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
+    let drawn = check_and_draw(spec).await?.map_err(ApiError::InvalidStudy)?;
+    let submit =
+        Submit { id: StudyId::new(), name, spec: canonical, digest, samples, optimisations, idempotency_key, drawn };
+    Ok(state.store().run(submit).await?)
+}
+
+/// The samples of a study, or its faults. Thousands of strokes are looked at: not
+/// on the threads which serve.
+async fn check_and_draw(spec: StudySpec) -> Result<Result<Vec<Drawn>, Vec<FieldProblem>>, ApiError> {
+    let task = tokio::task::spawn_blocking(move || {
+        let resolved = resolve::study(&spec)?;
+        draw_all(&spec, &resolved).map_err(|fault| vec![fault])
+    });
+    task.await.map_err(|e| ApiError::Internal(Box::new(e)))
+}
+
+/// Faults are the answer here, not a refusal, whether of form or of substance.
+async fn dry_run(body: Result<JsonBody<StudySpec>, ApiError>) -> Result<DryRun, ApiError> {
+    let spec = match body {
+        Ok(JsonBody(spec)) => spec,
+        Err(ApiError::InvalidStudy(errors)) => return Ok(DryRun { simulations: 0, errors }),
+        Err(other) => return Err(other),
+    };
+    let verifications = spec.optimisations.len() as u64;
+    Ok(match check_and_draw(spec).await? {
+        Ok(drawn) => DryRun { simulations: drawn.len() as u64 + verifications, errors: Vec::new() },
+        Err(errors) => DryRun { simulations: 0, errors },
+    })
+}

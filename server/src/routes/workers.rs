@@ -1,0 +1,90 @@
+//! Workers come, are listed, and go.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_protocol::ids::WorkerId;
+use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::view::WorkerView;
+use manduca_protocol::worker::{PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::error::ApiError;
+use crate::http::body::JsonBody;
+use crate::http::parts::Id;
+use crate::state::AppState;
+use crate::store::{Deregister, Register};
+
+/// Most slots of one worker.
+const MOST_SLOTS: u32 = 4096;
+/// Longest name of a worker or level, characters.
+const LONGEST_NAME: usize = 200;
+
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(register)).routes(routes!(list)).routes(routes!(deregister))
+}
+
+/// A worker introduces itself. Only workers of the same exchange and the same
+/// numbers are taken.
+#[utoipa::path(post, path = "/v1/workers", tag = "workers", request_body = RegisterRequest, responses(
+    (status = 201, body = RegisterResponse),
+    (status = 400, body = Problem, content_type = "application/problem+json"),
+    (status = 409, body = Problem, content_type = "application/problem+json"),
+    (status = 413, body = Problem, content_type = "application/problem+json"),
+    (status = 415, body = Problem, content_type = "application/problem+json"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+    (status = 426, body = Problem, content_type = "application/problem+json"),
+))]
+async fn register(
+    State(state): State<AppState>,
+    JsonBody(request): JsonBody<RegisterRequest>,
+) -> Result<(StatusCode, Json<RegisterResponse>), ApiError> {
+    if request.protocol_version != PROTOCOL_VERSION {
+        return Err(ApiError::ProtocolVersion { theirs: request.protocol_version, ours: PROTOCOL_VERSION });
+    }
+    if request.solver_version != SOLVER_VERSION {
+        return Err(ApiError::SolverVersion { theirs: request.solver_version, ours: SOLVER_VERSION });
+    }
+    check(&request)?;
+    let worker = WorkerId::new();
+    let RegisterRequest { name, slots, level, .. } = request;
+    state.store().run(Register { worker, name, slots, level }).await?;
+    let config = state.config();
+    let response =
+        RegisterResponse { worker, lease_s: config.lease.as_secs_f64(), renew_s: config.renew.as_secs_f64() };
+    Ok((StatusCode::CREATED, Json(response)))
+}
+
+fn check(request: &RegisterRequest) -> Result<(), ApiError> {
+    let mut faults = Vec::new();
+    for (pointer, text) in [("/name", &request.name), ("/level", &request.level)] {
+        let length = text.chars().count();
+        if !(1..=LONGEST_NAME).contains(&length) || text.chars().any(char::is_control) {
+            let why = format!("must have 1 to {LONGEST_NAME} characters, none of them control characters");
+            faults.push(FieldProblem::new(pointer, why));
+        }
+    }
+    if !(1..=MOST_SLOTS).contains(&request.slots) {
+        faults.push(FieldProblem::new("/slots", format!("{} is outside 1 to {MOST_SLOTS}", request.slots)));
+    }
+    if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
+}
+
+/// Lists the workers heard of within a day.
+#[utoipa::path(get, path = "/v1/workers", tag = "workers", responses((status = 200, body = Vec<WorkerView>)))]
+async fn list(State(state): State<AppState>) -> Result<Json<Vec<WorkerView>>, ApiError> {
+    let workers = state.store().workers(state.now_ms(), state.config().lease_ms()).await?;
+    Ok(Json(workers))
+}
+
+/// A worker says goodbye; its jobs are ready again at once.
+#[utoipa::path(delete, path = "/v1/workers/{worker}", tag = "workers", params(("worker" = WorkerId, Path)), responses(
+    (status = 204, description = "Its leases are given back"),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+async fn deregister(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
+    state.store().run(Deregister { worker }).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

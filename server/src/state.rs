@@ -1,0 +1,121 @@
+//! The open coordinator: what every handler shares.
+
+use std::sync::Arc;
+
+use tokio::sync::Notify;
+use tokio_util::sync::CancellationToken;
+
+use crate::clock::{Clock, SystemClock};
+use crate::config::Config;
+use crate::event::Event;
+use crate::rate::Rates;
+use crate::serve::ServerError;
+use crate::store::{Recover, Store, StoreError, Sweep};
+
+/// An open coordinator. Clones share it; [`AppState::close`] ends it.
+#[derive(Clone)]
+pub struct AppState {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    config: Arc<Config>,
+    clock: Arc<dyn Clock>,
+    store: Store,
+    rates: Arc<Rates>,
+    ready: Arc<Notify>,
+    stopping: CancellationToken,
+}
+
+/// Opens the store and starts what runs beside the requests: the writer and the
+/// sweep of expired leases.
+///
+/// # Errors
+/// When the database cannot be opened or brought up to date.
+pub async fn open(config: Config) -> Result<AppState, ServerError> {
+    open_with_clock(config, Arc::new(SystemClock::start())).await
+}
+
+/// [`open`] with a clock of one's own, for tests which move time.
+///
+/// # Errors
+/// When the database cannot be opened or brought up to date.
+pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<AppState, ServerError> {
+    let config = Arc::new(config);
+    let (rates, ready) = (Arc::new(Rates::default()), Arc::new(Notify::new()));
+    let observer = {
+        let (rates, ready, clock) = (rates.clone(), ready.clone(), clock.clone());
+        Arc::new(move |events: &[Event]| observe(events, &rates, &ready, clock.now_ms()))
+    };
+    let store = Store::open(config.clone(), clock.clone(), observer).await?;
+    store.run(Recover).await?;
+    let stopping = CancellationToken::new();
+    tokio::spawn(sweep(store.clone(), config.clone(), stopping.clone()));
+    Ok(AppState { inner: Arc::new(Inner { config, clock, store, rates, ready, stopping }) })
+}
+
+/// What follows a commit outside the store.
+fn observe(events: &[Event], rates: &Rates, ready: &Notify, now_ms: i64) {
+    for event in events {
+        event.log();
+        match event {
+            Event::Completed { study, .. } => rates.completed(*study, now_ms),
+            Event::Moved { study, .. } => rates.forget(*study),
+            Event::Ready => ready.notify_waiters(),
+            _ => {}
+        }
+    }
+}
+
+/// Looks for expired leases and ended waits until the coordinator stops.
+async fn sweep(store: Store, config: Arc<Config>, stopping: CancellationToken) {
+    loop {
+        tokio::select! {
+            () = stopping.cancelled() => return,
+            () = tokio::time::sleep(config.sweep) => {}
+        }
+        match store.run(Sweep).await {
+            Ok(()) => {}
+            Err(StoreError::Closed) => return,
+            Err(error) => {
+                tracing::error!(error.cause = %crate::error::chain(&error), "Expired leases could not be looked for");
+            }
+        }
+    }
+}
+
+impl AppState {
+    /// The coordinator's numbers.
+    pub fn config(&self) -> &Config {
+        &self.inner.config
+    }
+
+    /// The coordinator's time.
+    pub fn now_ms(&self) -> i64 {
+        self.inner.clock.now_ms()
+    }
+
+    pub(crate) fn store(&self) -> &Store {
+        &self.inner.store
+    }
+
+    pub(crate) fn rates(&self) -> &Rates {
+        &self.inner.rates
+    }
+
+    /// Told whenever jobs become ready.
+    pub(crate) fn ready(&self) -> &Notify {
+        &self.inner.ready
+    }
+
+    /// Cancelled when the coordinator stops.
+    pub fn stopping(&self) -> &CancellationToken {
+        &self.inner.stopping
+    }
+
+    /// Stops the sweep, has all queued operations committed and closes the database.
+    pub async fn close(&self) {
+        self.inner.stopping.cancel();
+        self.inner.store.close().await;
+    }
+}

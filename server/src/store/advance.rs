@@ -1,0 +1,233 @@
+//! A study moves from stage to stage, inside the operation whose change lets it.
+
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::point::ParameterValues;
+use manduca_protocol::resolve;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::task::OptimiseResult;
+use manduca_protocol::view::{JobRole, StudyState};
+use sqlx::sqlite::SqliteConnection;
+
+use super::count::{open_jobs, read_counts};
+use super::decide::{Step, after_optimising, after_sampling, after_training, after_verifying};
+use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
+use super::submit::{insert_simulations, insert_stage};
+use super::{StoreError, Work, body};
+use crate::compose::verify_task;
+use crate::draw::{Drawn, draw};
+use crate::event::Event;
+
+#[derive(sqlx::FromRow)]
+struct RawStudy {
+    id: Vec<u8>,
+    stage: String,
+    condition: String,
+    samples: i64,
+    next_sample: i64,
+    optimisations: i64,
+}
+
+/// A study as decisions see it.
+pub(super) struct StudyRow {
+    pub(super) study: i64,
+    pub(super) id: StudyId,
+    pub(super) stage: Stage,
+    pub(super) condition: Condition,
+    samples: u32,
+    next_sample: u32,
+    optimisations: i64,
+}
+
+/// A study by its short number.
+pub(super) async fn find_study(db: &mut SqliteConnection, study: i64) -> Result<StudyRow, StoreError> {
+    let raw: RawStudy =
+        sqlx::query_as("select id, stage, condition, samples, next_sample, optimisations from studies where study = ?")
+            .bind(study)
+            .fetch_one(db)
+            .await?;
+    Ok(StudyRow {
+        study,
+        id: StudyId(uuid(&raw.id)?),
+        stage: named(&raw.stage)?,
+        condition: named(&raw.condition)?,
+        samples: unsigned(raw.samples)?,
+        next_sample: unsigned(raw.next_sample)?,
+        optimisations: raw.optimisations,
+    })
+}
+
+/// Moves a study as far as its finished jobs allow.
+pub(super) async fn advance(work: &mut Work<'_>, study: i64) -> Result<(), StoreError> {
+    // More than one step happens where a stage's jobs all share earlier results.
+    loop {
+        let row = find_study(work.db, study).await?;
+        if row.condition != Condition::Running {
+            return Ok(());
+        }
+        let Some(step) = decide(work.db, &row).await? else { return Ok(()) };
+        match step {
+            Step::Draw(n) => draw_further(work, &row, n).await?,
+            Step::Enter(stage) => enter(work, &row, stage).await?,
+            Step::Succeed => return end(work, &row, "succeeded", None).await,
+            Step::Fail(why) => return end(work, &row, "failed", Some(why)).await,
+        }
+    }
+}
+
+/// What follows; none while a job of the stage is open.
+async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step>, StoreError> {
+    let role = row.stage.role();
+    let counts = read_counts(&mut *db, row.study, role).await?;
+    if open_jobs(&counts) > 0 {
+        return Ok(None);
+    }
+    let last_failure = find_last_failure(db, row.study, role).await?;
+    let last = last_failure.as_deref();
+    Ok(Some(match row.stage {
+        Stage::Sampling => after_sampling(row.samples, row.next_sample, &counts, last),
+        Stage::Training => after_training(&counts, row.optimisations, last),
+        Stage::Optimising => after_optimising(&counts, last),
+        Stage::Verifying => {
+            let optimise = read_counts(&mut *db, row.study, JobRole::Optimise).await?;
+            let earlier = find_last_failure(db, row.study, JobRole::Optimise).await?;
+            after_verifying(&optimise, &counts, last.or(earlier.as_deref()))
+        }
+    }))
+}
+
+async fn find_last_failure(db: &mut SqliteConnection, study: i64, role: JobRole) -> Result<Option<String>, StoreError> {
+    let reason: Option<Option<String>> = sqlx::query_scalar(
+        "select reason from jobs where state = 'dead' and study = ? and role = ? order by job desc limit 1",
+    )
+    .bind(study)
+    .bind(role_name(role))
+    .fetch_optional(db)
+    .await?;
+    Ok(reason.flatten())
+}
+
+async fn draw_further(work: &mut Work<'_>, row: &StudyRow, n: u32) -> Result<(), StoreError> {
+    let spec = read_spec(work.db, row.study).await?;
+    let resolved = resolved(&spec)?;
+    let end = row.next_sample.saturating_add(n);
+    let drawn = draw(&spec, &resolved, row.next_sample..end);
+    let jobs = insert_simulations(work.db, row.study, JobRole::Sample, &drawn).await?;
+    set_next_sample(work.db, row.study, end).await?;
+    work.events.push(Event::Drawn { study: row.id, jobs });
+    work.events.push(Event::Ready);
+    Ok(())
+}
+
+async fn set_next_sample(db: &mut SqliteConnection, study: i64, next: u32) -> Result<(), StoreError> {
+    sqlx::query("update studies set next_sample = ? where study = ?").bind(next).bind(study).execute(db).await?;
+    Ok(())
+}
+
+async fn enter(work: &mut Work<'_>, row: &StudyRow, stage: Stage) -> Result<(), StoreError> {
+    end_stage(work, row.study, row.stage).await?;
+    set_stage(work, row, stage).await?;
+    match stage {
+        Stage::Sampling => {}
+        Stage::Training => insert_jobs(work.db, row.study, JobRole::Train, 1).await?,
+        Stage::Optimising => insert_jobs(work.db, row.study, JobRole::Optimise, row.optimisations).await?,
+        Stage::Verifying => insert_verifications(work.db, row.study).await?,
+    }
+    work.events.push(Event::Ready);
+    Ok(())
+}
+
+/// Makes `stage` the present one of a running study.
+pub(super) async fn set_stage(work: &mut Work<'_>, row: &StudyRow, stage: Stage) -> Result<(), StoreError> {
+    sqlx::query("update studies set stage = ?, condition = 'running', failure = null where study = ?")
+        .bind(stage.name())
+        .bind(row.study)
+        .execute(&mut *work.db)
+        .await?;
+    insert_stage(work, row.study, stage).await?;
+    work.events.push(Event::Moved { study: row.id, state: stage.state(), reason: None });
+    Ok(())
+}
+
+async fn insert_jobs(db: &mut SqliteConnection, study: i64, role: JobRole, n: i64) -> Result<(), StoreError> {
+    for ordinal in 0..n {
+        sqlx::query(
+            "insert into jobs (study, role, ordinal, state) values (?, ?, ?, 'ready')
+             on conflict (study, role, ordinal) do nothing",
+        )
+        .bind(study)
+        .bind(role_name(role))
+        .bind(ordinal)
+        .execute(&mut *db)
+        .await?;
+    }
+    Ok(())
+}
+
+/// One simulation per optimum found; those of an earlier pass stay as they are.
+async fn insert_verifications(db: &mut SqliteConnection, study: i64) -> Result<(), StoreError> {
+    let spec = read_spec(&mut *db, study).await?;
+    let mut optima = Vec::new();
+    for (ordinal, body) in list_optima(&mut *db, study).await? {
+        let found: OptimiseResult = body::parse(body)?;
+        let ordinal: u32 = unsigned(ordinal)?;
+        let point = found.parameters.0;
+        let key = verify_task(&spec, ordinal, ParameterValues(point)).key();
+        optima.push(Drawn { ordinal, point, key });
+    }
+    insert_simulations(db, study, JobRole::Verify, &optima).await?;
+    Ok(())
+}
+
+async fn list_optima(db: &mut SqliteConnection, study: i64) -> Result<Vec<(i64, Vec<u8>)>, StoreError> {
+    let optima = sqlx::query_as(
+        "select j.ordinal, r.body from jobs as j join results as r on r.job = j.job
+         where j.study = ? and j.role = 'optimise' and j.state = 'succeeded' order by j.ordinal",
+    )
+    .bind(study)
+    .fetch_all(db)
+    .await?;
+    Ok(optima)
+}
+
+async fn end(
+    work: &mut Work<'_>,
+    row: &StudyRow,
+    condition: &'static str,
+    reason: Option<String>,
+) -> Result<(), StoreError> {
+    end_stage(work, row.study, row.stage).await?;
+    sqlx::query("update studies set condition = ?, failure = ? where study = ?")
+        .bind(condition)
+        .bind(&reason)
+        .bind(row.study)
+        .execute(&mut *work.db)
+        .await?;
+    let state = if reason.is_some() { StudyState::Failed } else { StudyState::Succeeded };
+    work.events.push(Event::Moved { study: row.id, state, reason });
+    Ok(())
+}
+
+/// Notes when a stage ended.
+pub(super) async fn end_stage(work: &mut Work<'_>, study: i64, stage: Stage) -> Result<(), StoreError> {
+    sqlx::query("update study_stages set ended_ms = ? where study = ? and stage = ? and ended_ms is null")
+        .bind(work.now)
+        .bind(study)
+        .bind(stage.name())
+        .execute(&mut *work.db)
+        .await?;
+    Ok(())
+}
+
+/// The specification of a study.
+pub(super) async fn read_spec(db: &mut SqliteConnection, study: i64) -> Result<StudySpec, StoreError> {
+    let spec: String = sqlx::query_scalar("select spec from studies where study = ?").bind(study).fetch_one(db).await?;
+    body::from_json(spec.as_bytes())
+}
+
+/// A stored specification, checked again: another version of this code may have written it.
+pub(super) fn resolved(spec: &StudySpec) -> Result<resolve::ResolvedStudy, StoreError> {
+    resolve::study(spec).map_err(|faults| {
+        let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
+        StoreError::Corrupt(faults.join("; "))
+    })
+}

@@ -1,0 +1,169 @@
+//! Users stop studies, for now or for good, and set them going again.
+
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::view::{JobRole, StudyState};
+use sqlx::sqlite::SqliteConnection;
+
+use super::advance::{StudyRow, advance, end_stage, find_study, set_stage};
+use super::count::read_counts;
+use super::names::{Condition, Stage, role_name};
+use super::{Operation, StoreError, Work};
+use crate::event::Event;
+
+/// What a user wants of a study.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Action {
+    /// No new leases.
+    Pause,
+    /// Leases again.
+    Resume,
+    /// The end.
+    Cancel,
+    /// Jobs given up are tried again.
+    RetryFailed,
+}
+
+/// Does what a user wants. Wanting what already is changes nothing.
+pub(crate) struct Control {
+    pub(crate) study: StudyId,
+    pub(crate) action: Action,
+}
+
+impl Operation for Control {
+    type Output = ();
+
+    async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
+        let study = find_number(work.db, self.study).await?;
+        let row = find_study(work.db, study).await?;
+        match (self.action, row.condition) {
+            (Action::Pause, Condition::Running) => pause(work, &row).await,
+            (Action::Resume, Condition::Paused) => resume(work, &row).await,
+            (Action::Cancel, Condition::Running | Condition::Paused | Condition::Failed) => cancel(work, &row).await,
+            (Action::RetryFailed, Condition::Running | Condition::Paused | Condition::Failed) => {
+                retry_failed(work, &row).await
+            }
+            (Action::Pause, Condition::Paused)
+            | (Action::Resume, Condition::Running)
+            | (Action::Cancel, Condition::Cancelled) => Ok(()),
+            (action, condition) => Err(wrong_state(action, condition)),
+        }
+    }
+}
+
+fn wrong_state(action: Action, condition: Condition) -> StoreError {
+    let action = match action {
+        Action::Pause => "paused",
+        Action::Resume => "resumed",
+        Action::Cancel => "cancelled",
+        Action::RetryFailed => "retried",
+    };
+    let condition = match condition {
+        Condition::Running => "is running",
+        Condition::Paused => "is paused",
+        Condition::Succeeded => "has succeeded",
+        Condition::Failed => "has failed",
+        Condition::Cancelled => "is cancelled",
+    };
+    StoreError::WrongState(format!("the study {condition} and cannot be {action}"))
+}
+
+/// The short number of a study.
+pub(super) async fn find_number(db: &mut SqliteConnection, id: StudyId) -> Result<i64, StoreError> {
+    sqlx::query_scalar("select study from studies where id = ?")
+        .bind(id.0.as_bytes().as_slice())
+        .fetch_optional(db)
+        .await?
+        .ok_or(StoreError::UnknownStudy(id))
+}
+
+async fn pause(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
+    set_condition(work.db, row.study, "paused").await?;
+    work.events.push(Event::Moved { study: row.id, state: StudyState::Paused, reason: None });
+    Ok(())
+}
+
+async fn resume(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
+    set_condition(work.db, row.study, "running").await?;
+    work.events.push(Event::Moved { study: row.id, state: row.stage.state(), reason: None });
+    work.events.push(Event::Ready);
+    // What ran on may have finished the stage meanwhile.
+    advance(work, row.study).await
+}
+
+/// Final. Leased jobs are cancelled too: their workers hear of it at the next
+/// renewal, and what they still return is refused.
+async fn cancel(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
+    cancel_jobs(work.db, row.study).await?;
+    end_stage(work, row.study, row.stage).await?;
+    set_condition(work.db, row.study, "cancelled").await?;
+    work.events.push(Event::Moved { study: row.id, state: StudyState::Cancelled, reason: None });
+    Ok(())
+}
+
+async fn set_condition(db: &mut SqliteConnection, study: i64, condition: &'static str) -> Result<(), StoreError> {
+    sqlx::query("update studies set condition = ? where study = ?").bind(condition).bind(study).execute(db).await?;
+    Ok(())
+}
+
+async fn cancel_jobs(db: &mut SqliteConnection, study: i64) -> Result<(), StoreError> {
+    sqlx::query(
+        "update jobs set state = 'cancelled', lease_until_ms = null, not_before_ms = null, progress = null
+         where study = ? and state in ('ready', 'delayed', 'leased')",
+    )
+    .bind(study)
+    .execute(db)
+    .await?;
+    Ok(())
+}
+
+/// The stages whose dead jobs may run again when a study is in `stage`: the
+/// optima of earlier optimisations can still be added to, but the network is
+/// never trained again on other samples.
+fn retried(stage: Stage) -> &'static [Stage] {
+    match stage {
+        Stage::Sampling => &[Stage::Sampling],
+        Stage::Training => &[Stage::Training],
+        Stage::Optimising | Stage::Verifying => &[Stage::Optimising, Stage::Verifying],
+    }
+}
+
+async fn retry_failed(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
+    let mut first = None;
+    for &stage in retried(row.stage) {
+        if revive_dead(work.db, row.study, stage.role()).await? > 0 {
+            first = first.or(Some(stage));
+        }
+    }
+    let Some(stage) = first else {
+        return match row.condition {
+            Condition::Failed => Err(StoreError::WrongState(
+                "the study has failed without a failed job: there is nothing to try again".into(),
+            )),
+            _ => Ok(()),
+        };
+    };
+    work.events.push(Event::Ready);
+    if row.condition == Condition::Failed || stage != row.stage {
+        let paused = row.condition == Condition::Paused;
+        set_stage(work, row, stage).await?;
+        if paused {
+            pause(work, row).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn revive_dead(db: &mut SqliteConnection, study: i64, role: JobRole) -> Result<u64, StoreError> {
+    if read_counts(&mut *db, study, role).await?.dead == 0 {
+        return Ok(0);
+    }
+    let revived = sqlx::query(
+        "update jobs set state = 'ready', failures = 0, worker = null
+         where state = 'dead' and study = ? and role = ?",
+    )
+    .bind(study)
+    .bind(role_name(role))
+    .execute(db)
+    .await?;
+    Ok(revived.rows_affected())
+}

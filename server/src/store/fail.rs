@@ -1,0 +1,83 @@
+//! An attempt fails: the job waits and is tried again, or is given up.
+
+use manduca_protocol::ids::WorkerId;
+use manduca_protocol::view::JobState;
+use manduca_protocol::worker::Failure;
+
+use super::complete::{JobRow, find_job};
+use super::{StoreError, Work};
+use crate::event::Event;
+
+/// Longest reason kept, characters.
+const LONGEST_REASON: usize = 2000;
+
+/// What became of a reported failure.
+pub(super) enum Reported {
+    /// Counted now; the study whose job it was.
+    Counted(i64),
+    /// Counted before.
+    Known,
+    /// Not this worker's to report.
+    Refused(String),
+}
+
+/// A worker reports that its attempt failed.
+pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failure) -> Result<Reported, StoreError> {
+    let Some(job) = find_job(work.db, failure.job).await? else {
+        return Ok(Reported::Refused("there is no such job".into()));
+    };
+    if !job.is_held_by(worker, failure.attempt) {
+        return Ok(Reported::Refused("this attempt is no longer the job's present one".into()));
+    }
+    match job.state {
+        JobState::Leased => {
+            let reason: String = failure.reason.chars().take(LONGEST_REASON).collect();
+            fail_attempt(work, &job, &reason).await?;
+            Ok(Reported::Counted(job.study))
+        }
+        // The answer to the first report was lost, or the lease expired meanwhile: it is counted.
+        JobState::Delayed | JobState::Ready | JobState::Dead => Ok(Reported::Known),
+        JobState::Cancelled => Ok(Reported::Refused("the study was cancelled".into())),
+        JobState::Succeeded | JobState::Infeasible => Ok(Reported::Refused("the job is finished".into())),
+    }
+}
+
+/// Counts a failure of a leased job. After the last one the job is dead; before,
+/// it waits longer from one to the next, since what failed may be the machine.
+pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, reason: &str) -> Result<(), StoreError> {
+    let failures = job.failures + 1;
+    let dead = failures >= work.config.max_attempts;
+    let not_before = (!dead).then(|| work.now + work.config.backoff_ms(failures));
+    let state = if dead { "dead" } else { "delayed" };
+    set_failed(work, job, state, failures, not_before, reason).await?;
+    work.events.push(Event::Failed {
+        study: job.study_id,
+        job: job.job,
+        attempt: job.attempt,
+        reason: reason.into(),
+        dead,
+    });
+    Ok(())
+}
+
+async fn set_failed(
+    work: &mut Work<'_>,
+    job: &JobRow,
+    state: &'static str,
+    failures: u32,
+    not_before: Option<i64>,
+    reason: &str,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "update jobs set state = ?, failures = ?, not_before_ms = ?, reason = ?, lease_until_ms = null, progress = null
+         where job = ?",
+    )
+    .bind(state)
+    .bind(failures)
+    .bind(not_before)
+    .bind(reason)
+    .bind(job.job.0)
+    .execute(&mut *work.db)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,157 @@
+//! The store: all SQL there is, in one place. Changes are operations queued to
+//! the one writer ([`writer`]); reads go to a pool which cannot write.
+
+mod advance;
+mod body;
+
+mod claim;
+mod complete;
+mod control;
+mod count;
+mod decide;
+mod evidence;
+mod exchange;
+mod fail;
+mod names;
+mod read_dataset;
+mod read_jobs;
+mod read_studies;
+mod read_workers;
+mod recover;
+mod renew;
+mod submit;
+mod sweep;
+mod workers;
+mod writer;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use sqlx::ConnectOptions;
+use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+
+use crate::clock::Clock;
+use crate::config::Config;
+use crate::event::Event;
+
+pub(crate) use body::pack;
+pub(crate) use claim::Leased;
+pub(crate) use complete::{Outcome, Prepared};
+pub(crate) use control::{Action, Control};
+pub(crate) use count::open_jobs;
+pub(crate) use exchange::{Exchange, Exchanged};
+pub(crate) use names::{kind_of, role_name, state_name, study_state_name};
+pub(crate) use read_jobs::JobFilter;
+pub(crate) use recover::Recover;
+pub(crate) use submit::{Submit, Submitted};
+pub(crate) use sweep::Sweep;
+pub(crate) use workers::{Deregister, Register};
+pub(crate) use writer::{Operation, Work};
+
+static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
+
+/// How long SQLite waits for another process which has the file.
+const BUSY: Duration = Duration::from_secs(5);
+
+/// Why the store did not do something.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum StoreError {
+    #[error("no study {0}")]
+    UnknownStudy(StudyId),
+    #[error("no worker {0}")]
+    UnknownWorker(WorkerId),
+    #[error("no job {0}")]
+    UnknownJob(JobId),
+    #[error("{0}")]
+    WrongState(String),
+    #[error("Idempotency-Key reused")]
+    IdempotencyKeyReused,
+    #[error("the store holds what it should not: {0}")]
+    Corrupt(String),
+    #[error("an operation panicked")]
+    Panicked,
+    #[error("the store is closed")]
+    Closed,
+    #[error("the batch was not committed")]
+    Commit(#[source] Arc<sqlx::Error>),
+    #[error("the database failed")]
+    Sql(#[from] sqlx::Error),
+}
+
+/// What is done with the decisions of committed operations.
+pub(crate) type Observer = Arc<dyn Fn(&[Event]) + Send + Sync>;
+
+/// The open store. Clones share it.
+#[derive(Clone)]
+pub(crate) struct Store {
+    writer: writer::Writer,
+    readers: SqlitePool,
+}
+
+impl Store {
+    /// Opens the file, brings its tables up to date and starts the writer.
+    pub(crate) async fn open(
+        config: Arc<Config>,
+        clock: Arc<dyn Clock>,
+        observer: Observer,
+    ) -> Result<Self, OpenError> {
+        if let Some(folder) = config.database.parent().filter(|f| !f.as_os_str().is_empty()) {
+            tokio::fs::create_dir_all(folder).await?;
+        }
+        let options = SqliteConnectOptions::new()
+            .filename(&config.database)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(BUSY)
+            // Decisions are logged by what they mean, not as statements.
+            .disable_statement_logging();
+        let mut connection = options.connect().await?;
+        // Not `run`, whose future the compiler cannot prove to be free to move between threads.
+        MIGRATIONS.run_direct(None, &mut connection, false).await?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(config.readers)
+            .connect_with(options.pragma("query_only", "on"))
+            .await?;
+        Ok(Self { writer: writer::Writer::start(connection, config, clock, observer), readers })
+    }
+
+    /// Queues an operation and waits for the commit which contains it.
+    pub(crate) async fn run<O: Operation>(&self, operation: O) -> Result<O::Output, StoreError> {
+        self.writer.run(operation).await
+    }
+
+    /// The pool which cannot write.
+    pub(crate) fn readers(&self) -> &SqlitePool {
+        &self.readers
+    }
+
+    /// Whether the database answers.
+    pub(crate) async fn ping(&self) -> Result<(), StoreError> {
+        sqlx::query_scalar::<_, i64>("select 1").fetch_one(&self.readers).await?;
+        Ok(())
+    }
+
+    /// Commits what is queued, then closes the file.
+    pub(crate) async fn close(&self) {
+        self.writer.close().await;
+        self.readers.close().await;
+    }
+}
+
+/// Why the store could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The folder could not be made.
+    #[error("the folder of the database could not be made")]
+    Folder(#[from] std::io::Error),
+    /// SQLite refused.
+    #[error("the database could not be opened")]
+    Database(#[from] sqlx::Error),
+    /// The tables could not be brought up to date.
+    #[error("the tables of the database could not be brought up to date")]
+    Migration(#[from] MigrateError),
+}

@@ -1,0 +1,76 @@
+//! A study's samples with what the simulations said.
+
+use manduca_numerics::parameters::Point;
+use manduca_protocol::point::ParameterValues;
+use manduca_protocol::task::{SimulateOutcome, SimulateResult, TrainSample};
+use manduca_protocol::view::DatasetRow;
+
+use super::names::unsigned;
+use super::{Store, StoreError, body};
+
+/// Samples read at once for a training.
+const CHUNK: u32 = 2000;
+
+/// A sample as stored.
+#[derive(Debug, sqlx::FromRow)]
+pub(crate) struct SampleRow {
+    pub(crate) ordinal: i64,
+    parameters: String,
+    body: Vec<u8>,
+}
+
+impl SampleRow {
+    /// As users see it.
+    pub(crate) fn parse(self) -> Result<DatasetRow, StoreError> {
+        let point: Point = body::from_json(self.parameters.as_bytes())?;
+        Ok(DatasetRow {
+            sample: unsigned(self.ordinal)?,
+            parameters: ParameterValues(point),
+            result: body::parse::<SimulateResult>(self.body)?,
+        })
+    }
+}
+
+impl Store {
+    /// The next samples with an answer after the one of this index.
+    pub(crate) async fn samples_after(&self, study: i64, after: i64, limit: u32) -> Result<Vec<SampleRow>, StoreError> {
+        let rows = sqlx::query_as(
+            "select j.ordinal, j.parameters, r.body
+             from jobs as j join results as r on r.job = coalesce(j.result_of, j.job)
+             where j.study = ? and j.role = 'sample' and j.ordinal > ? and j.state in ('succeeded', 'infeasible')
+             order by j.ordinal limit ?",
+        )
+        .bind(study)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?;
+        Ok(rows)
+    }
+
+    /// The samples which have means, as the trainer sees them.
+    pub(crate) async fn train_samples(&self, study: i64) -> Result<Vec<TrainSample>, StoreError> {
+        let mut samples = Vec::new();
+        let mut after = -1;
+        loop {
+            let rows = self.samples_after(study, after, CHUNK).await?;
+            let Some(last) = rows.last() else { return Ok(samples) };
+            after = last.ordinal;
+            // Thousands of results are parsed: not on the threads which serve.
+            let parsed = tokio::task::spawn_blocking(move || train_rows(rows)).await;
+            samples.extend(parsed.map_err(|e| StoreError::Corrupt(e.to_string()))??);
+        }
+    }
+}
+
+fn train_rows(rows: Vec<SampleRow>) -> Result<Vec<TrainSample>, StoreError> {
+    let mut samples = Vec::with_capacity(rows.len());
+    for row in rows {
+        let row = row.parse()?;
+        if let SimulateOutcome::Ok { scaled, .. } = row.result.outcome {
+            let y = [scaled.lift.mean, scaled.drag.mean, scaled.pitch_moment.mean, scaled.power.mean];
+            samples.push(TrainSample { x: row.parameters.0, y });
+        }
+    }
+    Ok(samples)
+}

@@ -1,0 +1,269 @@
+//! Studies as users see them.
+
+use std::collections::BTreeMap;
+
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::task::{OptimiseResult, Progress, Scaled, SimulateOutcome, SimulateResult, TrainResult};
+use manduca_protocol::view::{
+    JobCounts, JobRole, OptimumStatus, OptimumView, StageSeconds, StudyState, StudySummary, StudyView, SurrogateView,
+};
+use sqlx::sqlite::SqlitePool;
+
+use super::count::read_counts;
+use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
+use super::{Store, StoreError, body};
+use crate::clock::rfc3339;
+
+#[derive(sqlx::FromRow)]
+struct RawStudy {
+    study: i64,
+    stage: String,
+    condition: String,
+    failure: Option<String>,
+    created_ms: i64,
+    spec: String,
+}
+
+/// A study's head: where it is and what was asked.
+pub(crate) struct StudyHead {
+    pub(crate) study: i64,
+    pub(crate) stage: Stage,
+    pub(crate) condition: Condition,
+    pub(crate) failure: Option<String>,
+    pub(crate) created_ms: i64,
+    pub(crate) spec: StudySpec,
+}
+
+impl StudyHead {
+    /// What users call its state.
+    pub(crate) fn state(&self) -> StudyState {
+        self.condition.state(self.stage)
+    }
+}
+
+impl Store {
+    /// A study's head.
+    pub(crate) async fn study_head(&self, id: StudyId) -> Result<StudyHead, StoreError> {
+        let raw: Option<RawStudy> =
+            sqlx::query_as("select study, stage, condition, failure, created_ms, spec from studies where id = ?")
+                .bind(id.0.as_bytes().as_slice())
+                .fetch_optional(self.readers())
+                .await?;
+        let raw = raw.ok_or(StoreError::UnknownStudy(id))?;
+        Ok(StudyHead {
+            study: raw.study,
+            stage: named(&raw.stage)?,
+            condition: named(&raw.condition)?,
+            failure: raw.failure,
+            created_ms: raw.created_ms,
+            spec: body::from_json(raw.spec.as_bytes())?,
+        })
+    }
+
+    /// A whole study; rate and estimate are left to the caller, who knows them.
+    pub(crate) async fn study(&self, id: StudyId, now: i64) -> Result<StudyView, StoreError> {
+        let head = self.study_head(id).await?;
+        let db = self.readers();
+        let stage_jobs = read_counts(db, head.study, head.stage.role()).await?;
+        let surrogate = self.surrogate_of(head.study).await?;
+        Ok(StudyView {
+            id,
+            state: head.state(),
+            paused_from: (head.condition == Condition::Paused).then(|| head.stage.state()),
+            failure: head.failure.clone(),
+            created_at: rfc3339(head.created_ms),
+            samples: self.sample_counts(head.study).await?,
+            stage_jobs,
+            progress: find_progress(db, head.study, head.stage).await?,
+            rate_per_s: None,
+            eta_s: None,
+            stages_s: self.stage_seconds(head.study, now).await?,
+            surrogate: surrogate.map(|s| s.test),
+            optimisations: self.optima(&head).await?,
+            spec: head.spec,
+        })
+    }
+
+    /// Sampling jobs of a study by state.
+    pub(crate) async fn sample_counts(&self, study: i64) -> Result<JobCounts, StoreError> {
+        read_counts(self.readers(), study, JobRole::Sample).await
+    }
+
+    /// How long each stage took, or takes so far.
+    pub(crate) async fn stage_seconds(&self, study: i64, now: i64) -> Result<StageSeconds, StoreError> {
+        let rows: Vec<(String, i64, Option<i64>)> =
+            sqlx::query_as("select stage, started_ms, ended_ms from study_stages where study = ?")
+                .bind(study)
+                .fetch_all(self.readers())
+                .await?;
+        let mut seconds = StageSeconds::default();
+        for (stage, started, ended) in rows {
+            let slot = match named::<Stage>(&stage)? {
+                Stage::Sampling => &mut seconds.sampling,
+                Stage::Training => &mut seconds.training,
+                Stage::Optimising => &mut seconds.optimising,
+                Stage::Verifying => &mut seconds.verifying,
+            };
+            *slot = Some((ended.unwrap_or(now) - started).max(0) as f64 / 1000.0);
+        }
+        Ok(seconds)
+    }
+
+    /// A study's training without the weights, once there is one.
+    pub(crate) async fn surrogate_of(&self, study: i64) -> Result<Option<SurrogateView>, StoreError> {
+        let summary: Option<Option<String>> = sqlx::query_scalar(
+            "select r.summary from jobs as j join results as r on r.job = j.job
+             where j.study = ? and j.role = 'train' and j.ordinal = 0",
+        )
+        .bind(study)
+        .fetch_optional(self.readers())
+        .await?;
+        summary.flatten().map(|json| body::from_json(json.as_bytes())).transpose()
+    }
+
+    /// A study's whole training, once there is one.
+    pub(crate) async fn training_of(&self, study: i64) -> Result<Option<TrainResult>, StoreError> {
+        let stored: Option<Vec<u8>> = sqlx::query_scalar(
+            "select r.body from jobs as j join results as r on r.job = j.job
+             where j.study = ? and j.role = 'train' and j.ordinal = 0",
+        )
+        .bind(study)
+        .fetch_optional(self.readers())
+        .await?;
+        stored.map(body::parse).transpose()
+    }
+
+    /// Every optimisation of a study, in the order asked.
+    pub(crate) async fn optima(&self, head: &StudyHead) -> Result<Vec<OptimumView>, StoreError> {
+        if head.spec.optimisations.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut optimised = list_ended(self.readers(), head.study, JobRole::Optimise).await?;
+        let mut verified = list_ended(self.readers(), head.study, JobRole::Verify).await?;
+        let mut optima = Vec::with_capacity(head.spec.optimisations.len());
+        for (ordinal, asked) in (0_i64..).zip(&head.spec.optimisations) {
+            let optimised = optimised.remove(&ordinal);
+            let verified = verified.remove(&ordinal);
+            let dead = [&optimised, &verified].iter().any(|job| matches!(job, Some(None)));
+            let optimum: Option<OptimiseResult> = optimised.flatten().map(body::parse).transpose()?;
+            let simulated: Option<SimulateResult> = verified.flatten().map(body::parse).transpose()?;
+            let status = match (&optimum, &simulated) {
+                _ if dead => OptimumStatus::Failed,
+                (Some(_), Some(_)) => OptimumStatus::Verified,
+                (Some(_), None) => OptimumStatus::Optimised,
+                (None, _) => OptimumStatus::Pending,
+            };
+            let gap = optimum.as_ref().zip(simulated.as_ref()).and_then(|(o, s)| gap(o, s));
+            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap });
+        }
+        Ok(optima)
+    }
+
+    /// A page of studies, newest first, before the study of this short number.
+    pub(crate) async fn studies(
+        &self,
+        state: Option<&str>,
+        before: i64,
+        limit: u32,
+    ) -> Result<Vec<(i64, StudySummary)>, StoreError> {
+        list_studies(self.readers(), state, before, limit).await?.into_iter().map(summary).collect()
+    }
+
+    /// The study submitted under this key before, for those who would rather not draw its samples again.
+    pub(crate) async fn study_by_idempotency_key(
+        &self,
+        key: &str,
+        digest: &[u8; 32],
+    ) -> Result<Option<StudyId>, StoreError> {
+        let mut db = self.readers().acquire().await?;
+        super::submit::find_by_idempotency_key(&mut db, key, digest).await
+    }
+}
+
+/// Simulated minus predicted.
+fn gap(optimum: &OptimiseResult, simulated: &SimulateResult) -> Option<Scaled> {
+    let SimulateOutcome::Ok { scaled, .. } = &simulated.outcome else { return None };
+    let predicted = &optimum.predicted;
+    Some(Scaled {
+        lift: scaled.lift.mean - predicted.lift,
+        drag: scaled.drag.mean - predicted.drag,
+        pitch_moment: scaled.pitch_moment.mean - predicted.pitch_moment,
+        power: scaled.power.mean - predicted.power,
+    })
+}
+
+/// Ended jobs of a role by ordinal: their result, or none where the job is dead.
+async fn list_ended(db: &SqlitePool, study: i64, role: JobRole) -> Result<BTreeMap<i64, Option<Vec<u8>>>, StoreError> {
+    let rows: Vec<(i64, Option<Vec<u8>>)> = sqlx::query_as(
+        "select j.ordinal, r.body from jobs as j left join results as r on r.job = coalesce(j.result_of, j.job)
+         where j.study = ? and j.role = ? and j.state in ('succeeded', 'infeasible', 'dead')",
+    )
+    .bind(study)
+    .bind(role_name(role))
+    .fetch_all(db)
+    .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// Where the one long job of a stage is; of many short ones the counts tell.
+async fn find_progress(db: &SqlitePool, study: i64, stage: Stage) -> Result<Option<Progress>, StoreError> {
+    if matches!(stage, Stage::Sampling | Stage::Verifying) {
+        return Ok(None);
+    }
+    let progress: Option<String> = sqlx::query_scalar(
+        "select progress from jobs where study = ? and role = ? and state = 'leased' and progress is not null
+         order by ordinal limit 1",
+    )
+    .bind(study)
+    .bind(role_name(stage.role()))
+    .fetch_optional(db)
+    .await?;
+    progress.map(|json| body::from_json(json.as_bytes())).transpose()
+}
+
+#[derive(sqlx::FromRow)]
+struct RawSummary {
+    study: i64,
+    id: Vec<u8>,
+    name: String,
+    stage: String,
+    condition: String,
+    created_ms: i64,
+    samples: i64,
+    succeeded: i64,
+}
+
+async fn list_studies(
+    db: &SqlitePool,
+    state: Option<&str>,
+    before: i64,
+    limit: u32,
+) -> Result<Vec<RawSummary>, StoreError> {
+    let rows = sqlx::query_as(
+        "select s.study, s.id, s.name, s.stage, s.condition, s.created_ms, s.samples, coalesce(c.n, 0) as succeeded
+         from studies as s
+         left join study_counts as c on c.study = s.study and c.role = 'sample' and c.state = 'succeeded'
+         where s.study < ?1 and (?2 is null or iif(s.condition = 'running', s.stage, s.condition) = ?2)
+         order by s.study desc limit ?3",
+    )
+    .bind(before)
+    .bind(state)
+    .bind(limit)
+    .fetch_all(db)
+    .await?;
+    Ok(rows)
+}
+
+fn summary(raw: RawSummary) -> Result<(i64, StudySummary), StoreError> {
+    let stage: Stage = named(&raw.stage)?;
+    let summary = StudySummary {
+        id: StudyId(uuid(&raw.id)?),
+        name: raw.name,
+        state: named::<Condition>(&raw.condition)?.state(stage),
+        created_at: rfc3339(raw.created_ms),
+        samples: unsigned(raw.samples)?,
+        samples_succeeded: unsigned(raw.succeeded)?,
+    };
+    Ok((raw.study, summary))
+}

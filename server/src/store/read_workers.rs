@@ -1,0 +1,59 @@
+//! Workers as users see them.
+
+use manduca_protocol::ids::WorkerId;
+use manduca_protocol::view::WorkerView;
+use manduca_protocol::worker::MAX_WAIT_S;
+
+use super::names::{unsigned, uuid};
+use super::{Store, StoreError};
+
+/// Workers silent for longer are no longer listed, ms.
+const LISTED_MS: i64 = 24 * 3600 * 1000;
+/// Most workers listed.
+const MOST: i64 = 1000;
+
+#[derive(sqlx::FromRow)]
+struct RawWorker {
+    id: Vec<u8>,
+    name: String,
+    slots: i64,
+    level: String,
+    completed: i64,
+    failed: i64,
+    last_seen_ms: i64,
+    leased: i64,
+}
+
+impl Store {
+    /// Workers heard of within a day which have not said goodbye, by name.
+    pub(crate) async fn workers(&self, now: i64, lease_ms: i64) -> Result<Vec<WorkerView>, StoreError> {
+        // The jobs counted here are those in hand, read from the index of leases.
+        let rows: Vec<RawWorker> = sqlx::query_as(
+            "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
+                    (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
+             from workers as w where w.left_ms is null and w.last_seen_ms >= ? order by w.name, w.id limit ?",
+        )
+        .bind(now - LISTED_MS)
+        .bind(MOST)
+        .fetch_all(self.readers())
+        .await?;
+        rows.into_iter().map(|row| view(row, now, lease_ms)).collect()
+    }
+}
+
+fn view(row: RawWorker, now: i64, lease_ms: i64) -> Result<WorkerView, StoreError> {
+    let silent_ms = (now - row.last_seen_ms).max(0);
+    // An idle worker waits in one request and says nothing meanwhile.
+    let patience_ms = lease_ms + (MAX_WAIT_S * 1000.0) as i64;
+    Ok(WorkerView {
+        id: WorkerId(uuid(&row.id)?),
+        name: row.name,
+        slots: unsigned(row.slots)?,
+        level: row.level,
+        leased: unsigned(row.leased)?,
+        completed: unsigned(row.completed)?,
+        failed: unsigned(row.failed)?,
+        last_seen_s: silent_ms as f64 / 1000.0,
+        alive: silent_ms <= patience_ms,
+    })
+}

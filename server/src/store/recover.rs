@@ -1,0 +1,48 @@
+//! The coordinator starts on a store another run has left.
+
+use sqlx::sqlite::SqliteConnection;
+
+use super::advance::advance;
+use super::{Operation, StoreError, Work};
+use crate::config::millis;
+use crate::event::Event;
+
+/// Makes times of the last run fit this one's clock, and moves on what could
+/// have moved.
+pub(crate) struct Recover;
+
+impl Operation for Recover {
+    type Output = ();
+
+    async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
+        let leases = renew_all(work).await?;
+        shorten_waits(work).await?;
+        for study in list_running(work.db).await? {
+            advance(work, study).await?;
+        }
+        work.events.push(Event::Recovered { leases });
+        Ok(())
+    }
+}
+
+/// Workers could not renew while nobody was here: every lease gets a full term.
+async fn renew_all(work: &mut Work<'_>) -> Result<u64, StoreError> {
+    let renewed = sqlx::query("update jobs set lease_until_ms = ? where state = 'leased'")
+        .bind(work.now + work.config.lease_ms())
+        .execute(&mut *work.db)
+        .await?;
+    Ok(renewed.rows_affected())
+}
+
+/// A wall clock set back between two runs would make waits endless.
+async fn shorten_waits(work: &mut Work<'_>) -> Result<(), StoreError> {
+    sqlx::query("update jobs set not_before_ms = min(not_before_ms, ?) where state = 'delayed'")
+        .bind(work.now + millis(work.config.max_backoff))
+        .execute(&mut *work.db)
+        .await?;
+    Ok(())
+}
+
+async fn list_running(db: &mut SqliteConnection) -> Result<Vec<i64>, StoreError> {
+    Ok(sqlx::query_scalar("select study from studies where condition = 'running' order by study").fetch_all(db).await?)
+}

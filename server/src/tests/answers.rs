@@ -1,0 +1,86 @@
+//! What made-up workers say.
+
+use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_protocol::task::{JobKind, Task};
+use manduca_protocol::worker::{Lease, PROTOCOL_VERSION};
+use serde_json::{Value, json};
+
+/// A small study.
+pub(super) fn study(samples: u32, optimisations: &[&str]) -> Value {
+    let optimisations: Vec<_> = optimisations.iter().map(|name| json!({ "name": name })).collect();
+    json!({ "name": "small", "seed": 5, "sampling": { "samples": samples }, "optimisations": optimisations })
+}
+
+pub(super) fn registration(name: &str) -> Value {
+    json!({
+        "name": name, "slots": 2, "protocol_version": PROTOCOL_VERSION,
+        "solver_version": SOLVER_VERSION, "level": "test"
+    })
+}
+
+pub(super) fn completion(lease: &Lease, result: Value) -> Value {
+    json!({
+        "job": lease.job, "attempt": lease.attempt, "result": result,
+        "provenance": { "wall_s": 0.25, "level": "test" }
+    })
+}
+
+/// A result that fits a lease, the same whenever it is asked for.
+pub(super) fn result(lease: &Lease) -> Value {
+    match lease.kind {
+        JobKind::Simulate => {
+            let Some(Task::Simulate(task)) = &lease.task else { panic!("a simulation comes with its task") };
+            flown(task.parameters.0[0])
+        }
+        JobKind::Train => trained(),
+        JobKind::Optimise => optimised(),
+    }
+}
+
+/// Numbers which depend on the stroke.
+pub(super) fn flown(x: f64) -> Value {
+    let e = |mean: f64| json!({ "mean": mean, "se": 0.001 });
+    let joint = json!({ "aerodynamic_w": 0.1, "inertial_w": 0.0, "required_w": 0.1 });
+    json!({
+        "kind": "simulate", "outcome": "ok",
+        "means": { "lift_n": e(x / 1000.0), "drag_n": e(0.0), "pitch_moment_nm": e(1e-7), "power_w": e(0.08) },
+        "scaled": { "lift": e(x / 25.0), "drag": e(0.0), "pitch_moment": e(0.1), "power": e(1.1) },
+        "joints": { "sweep": joint, "elevation": joint, "rotation": joint },
+        "power_per_lift_w_per_n": 5.0, "strokes_averaged": 6, "solver_version": SOLVER_VERSION
+    })
+}
+
+pub(super) fn infeasible(reason: &str) -> Value {
+    json!({ "kind": "simulate", "outcome": "infeasible", "reason": reason, "solver_version": SOLVER_VERSION })
+}
+
+pub(super) fn trained() -> Value {
+    let four = json!({ "lift": 0.01, "drag": 0.01, "pitch_moment": 0.01, "power": 0.01 });
+    let errors = json!({ "rmse": four, "correlation": four, "count": 3 });
+    json!({
+        "kind": "train",
+        "network": {
+            "bounds": { "lower": vec![0.0; 10], "upper": vec![50.0; 10] },
+            "hidden_weights": vec![0.1; 20], "hidden_biases": [0.0, 0.1],
+            "output_weights": vec![0.2; 8], "output_biases": [0.1, 0.2, 0.3, 0.4]
+        },
+        "curve": [{ "iteration": 0, "train_mse": 1.0, "validation_mse": 1.0, "test_mse": 1.0 }],
+        "best_iteration": 0, "stopped": "patience", "train": errors, "validation": errors, "test": errors,
+        "solver_version": SOLVER_VERSION
+    })
+}
+
+pub(super) fn optimised() -> Value {
+    json!({
+        "kind": "optimise",
+        "parameters": {
+            "frequency_hz": 25.5, "stroke_plane_deg": 15.0, "sweep_mean_deg": 5.0, "elevation_mean_deg": 0.0,
+            "rotation_mean_deg": 0.0, "sweep_amplitude_deg": 50.0, "elevation_amplitude_deg": 5.0,
+            "rotation_amplitude_deg": 45.0, "sweep_shape": 0.5, "rotation_shape": 1.0
+        },
+        "predicted": { "lift": 1.0, "drag": 0.0, "pitch_moment": 0.0, "power": 1.0 },
+        "fitness": 1.0, "penalty": 0.0, "clearance_mm": 2.0,
+        "history": [{ "generation": 0, "best": 1.0, "mean": 2.0 }], "stopped": "tolerance", "evaluations": 100,
+        "solver_version": SOLVER_VERSION
+    })
+}

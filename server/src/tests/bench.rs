@@ -1,0 +1,193 @@
+//! A coordinator under test.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::http::{HeaderMap, Request, StatusCode};
+use manduca_protocol::worker::{ExchangeResponse, Lease};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use tower::ServiceExt;
+
+use super::answers;
+use crate::store::Sweep;
+use crate::{AppState, Clock, Config, app, open_with_clock};
+
+/// A clock moved by hand.
+pub(super) struct HandClock(AtomicI64);
+
+impl Clock for HandClock {
+    fn now_ms(&self) -> i64 {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// An answer, body and all.
+pub(super) struct Answer {
+    pub(super) status: StatusCode,
+    pub(super) headers: HeaderMap,
+    pub(super) body: Bytes,
+}
+
+impl Answer {
+    pub(super) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|e| panic!("{e}: {:?}", self.body))
+    }
+
+    pub(super) fn header(&self, name: &str) -> &str {
+        self.headers.get(name).and_then(|v| v.to_str().ok()).unwrap_or_default()
+    }
+
+    /// Checks that this is a problem of this status and type, and gives the pointers at fault.
+    pub(super) fn problem(&self, status: u16, slug: &str) -> Vec<String> {
+        assert_eq!(self.status, status, "{:?}", self.body);
+        assert_eq!(self.header("content-type"), "application/problem+json");
+        let problem = self.json();
+        assert_eq!(problem["type"], format!("urn:manduca:problem:{slug}"));
+        assert_eq!(problem["status"], status);
+        assert!(problem["title"].is_string() && problem["detail"].is_string());
+        let errors = problem["errors"].as_array().cloned().unwrap_or_default();
+        errors.iter().map(|e| e["pointer"].as_str().expect("a pointer").to_owned()).collect()
+    }
+}
+
+/// A coordinator, its clock and its folder.
+pub(super) struct Bench {
+    pub(super) state: AppState,
+    clock: Arc<HandClock>,
+    folder: TempDir,
+}
+
+impl Bench {
+    pub(super) async fn open() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let clock = Arc::new(HandClock(AtomicI64::new(1_800_000_000_000)));
+        let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens");
+        Self { state, clock, folder }
+    }
+
+    /// Stops the coordinator, lets time pass and starts it on the same file.
+    pub(super) async fn restart(self, after: Duration) -> Self {
+        self.state.close().await;
+        let Self { clock, folder, .. } = self;
+        clock.0.fetch_add(after.as_millis() as i64, Ordering::SeqCst);
+        let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens again");
+        Self { state, clock, folder }
+    }
+
+    /// Lets time pass and what is due happen.
+    pub(super) async fn pass(&self, seconds: f64) {
+        self.clock.0.fetch_add((seconds * 1000.0) as i64, Ordering::SeqCst);
+        self.state.store().run(Sweep).await.expect("sweeps");
+    }
+
+    pub(super) async fn send(&self, request: Request<Body>) -> Answer {
+        let response = app(self.state.clone()).oneshot(request).await.expect("answers");
+        let (parts, body) = response.into_parts();
+        let body = axum::body::to_bytes(body, usize::MAX).await.expect("a body");
+        Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    pub(super) async fn get(&self, path: &str) -> Answer {
+        self.send(Request::get(path).body(Body::empty()).expect("a request")).await
+    }
+
+    pub(super) async fn delete(&self, path: &str) -> Answer {
+        self.send(Request::delete(path).body(Body::empty()).expect("a request")).await
+    }
+
+    pub(super) async fn post(&self, path: &str, body: impl Into<Body>) -> Answer {
+        let request = Request::post(path).header("content-type", "application/json").body(body.into());
+        self.send(request.expect("a request")).await
+    }
+
+    /// Submits a study and gives its path.
+    pub(super) async fn submit(&self, spec: &Value) -> String {
+        let answer = self.post("/v1/studies", spec.to_string()).await;
+        assert_eq!(answer.status, 201, "{:?}", answer.body);
+        answer.header("location").to_owned()
+    }
+
+    pub(super) async fn view(&self, study: &str) -> Value {
+        let answer = self.get(study).await;
+        assert_eq!(answer.status, 200, "{:?}", answer.body);
+        answer.json()
+    }
+
+    /// Registers a worker and gives its path.
+    pub(super) async fn worker(&self, name: &str) -> String {
+        let answer = self.post("/v1/workers", answers::registration(name).to_string()).await;
+        assert_eq!(answer.status, 201, "{:?}", answer.body);
+        format!("/v1/workers/{}", answer.json()["worker"].as_str().expect("an id"))
+    }
+
+    pub(super) async fn exchange(&self, worker: &str, request: Value) -> ExchangeResponse {
+        let answer = self.post(&format!("{worker}/exchange"), request.to_string()).await;
+        assert_eq!(answer.status, 200, "{:?}", answer.body);
+        serde_json::from_slice(&answer.body).expect("an exchange")
+    }
+
+    pub(super) async fn claim(&self, worker: &str, want: u32) -> Vec<Lease> {
+        self.exchange(worker, json!({ "want": want })).await.jobs
+    }
+
+    pub(super) async fn complete(&self, worker: &str, lease: &Lease, result: Value) -> ExchangeResponse {
+        self.exchange(worker, json!({ "complete": [answers::completion(lease, result)] })).await
+    }
+
+    pub(super) async fn fail(&self, worker: &str, lease: &Lease, reason: &str) -> ExchangeResponse {
+        let failure = json!({ "job": lease.job, "attempt": lease.attempt, "reason": reason });
+        self.exchange(worker, json!({ "fail": [failure] })).await
+    }
+
+    /// Leases and completes jobs until none is ready; gives how many.
+    pub(super) async fn work_off(&self, worker: &str) -> usize {
+        self.work_off_by(worker, 100).await
+    }
+
+    /// [`Bench::work_off`], so many jobs at a time.
+    pub(super) async fn work_off_by(&self, worker: &str, want: u32) -> usize {
+        let mut done = 0;
+        loop {
+            let leases = self.claim(worker, want).await;
+            if leases.is_empty() {
+                return done;
+            }
+            done += leases.len();
+            let results: Vec<_> = leases.iter().map(|l| answers::completion(l, answers::result(l))).collect();
+            let told = self.exchange(worker, json!({ "complete": results })).await;
+            assert_eq!(told.accepted.len(), leases.len(), "{:?}", told.rejected);
+        }
+    }
+
+    /// Rows of the evidence table, by class.
+    pub(super) async fn evidence(&self, class: &str) -> i64 {
+        let count = sqlx::query_scalar("select count(*) from refused_results where class = ?").bind(class);
+        count.fetch_one(self.state.store().readers()).await.expect("counts")
+    }
+
+    /// Compares the counters with the jobs themselves.
+    pub(super) async fn check_counts(&self) {
+        let wrong: i64 = sqlx::query_scalar(
+            "select count(*) from (
+                 select study, role, state, n from study_counts where n > 0
+                 except select study, role, state, count(*) from jobs group by study, role, state)",
+        )
+        .fetch_one(self.state.store().readers())
+        .await
+        .expect("compares");
+        let (jobs, counted): (i64, i64) =
+            sqlx::query_as("select (select count(*) from jobs), (select coalesce(sum(n), 0) from study_counts)")
+                .fetch_one(self.state.store().readers())
+                .await
+                .expect("counts");
+        assert_eq!((wrong, jobs), (0, counted));
+    }
+}
+
+fn config(folder: &TempDir) -> Config {
+    // Time passes by hand here, and so does what time brings.
+    Config { sweep: Duration::from_secs(3600), ..Config::new(folder.path().join("manduca.db")) }
+}

@@ -1,0 +1,14 @@
+//! The coordinator as its users and workers meet it, on a clock moved by hand,
+//! with workers whose results are made up.
+
+mod answers;
+mod bench;
+mod dataset;
+mod http;
+mod long_poll;
+mod queue;
+mod restart;
+mod share;
+mod stages;
+mod steer;
+mod writer;

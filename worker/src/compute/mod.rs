@@ -1,0 +1,55 @@
+//! From a task on the wire to a result on the wire: the only place where
+//! messages and science meet.
+
+mod optimise;
+mod simulate;
+mod train;
+
+pub use simulate::{outcome, simulate};
+
+use manduca_numerics::parameters::Bounds;
+use manduca_protocol::problem::FieldProblem;
+use manduca_protocol::task::{BoundsMessage, JobResult, Progress, Scaled, Task};
+
+/// Why a task has no result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ComputeError {
+    /// It makes no sense.
+    #[error("the task is refused: {}", list(.0))]
+    Refused(Vec<FieldProblem>),
+    /// The numbers were lost on the way.
+    #[error("non-finite result")]
+    NonFinite,
+    /// The science says why.
+    #[error("{0}")]
+    Failed(String),
+}
+
+fn list(faults: &[FieldProblem]) -> String {
+    faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+/// Computes any task; `report` hears how far it is.
+///
+/// # Errors
+/// When the task is refused, fails, or ends in numbers which are none.
+pub fn run(task: &Task, report: &mut dyn FnMut(Progress)) -> Result<JobResult, ComputeError> {
+    Ok(match task {
+        Task::Simulate(task) => JobResult::Simulate(Box::new(simulate(task)?)),
+        Task::Train(task) => JobResult::Train(Box::new(train::train(task, report)?)),
+        Task::Optimise(task) => JobResult::Optimise(Box::new(optimise::optimise(task, report)?)),
+    })
+}
+
+/// JSON has no NaN: it would arrive as null, or not at all.
+fn finite(values: impl IntoIterator<Item = f64>) -> Result<(), ComputeError> {
+    if values.into_iter().all(f64::is_finite) { Ok(()) } else { Err(ComputeError::NonFinite) }
+}
+
+fn bounds(message: &BoundsMessage) -> Bounds {
+    Bounds { lower: message.lower, upper: message.upper }
+}
+
+fn scaled([lift, drag, pitch_moment, power]: [f64; 4]) -> Scaled {
+    Scaled { lift, drag, pitch_moment, power }
+}

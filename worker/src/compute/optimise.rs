@@ -1,0 +1,103 @@
+//! The optimum of a network, found.
+
+use std::ops::ControlFlow;
+
+use manduca_numerics::kinematics::Clearance;
+use manduca_numerics::optimise::{self, GaStop, Generation, Optimum, Phase, Problem};
+use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_numerics::surrogate::Network;
+use manduca_protocol::point::ParameterValues;
+use manduca_protocol::problem::FieldProblem;
+use manduca_protocol::resolve;
+use manduca_protocol::task::{GenerationMessage, NetworkMessage, OptimiseResult, OptimiseTask, Progress};
+
+use super::{ComputeError, bounds, finite, scaled};
+
+/// Optimises on the network of a task.
+pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) -> Result<OptimiseResult, ComputeError> {
+    let model = resolve::model(&task.model, "/model").map_err(ComputeError::Refused)?;
+    let spec = &task.optimisation;
+    let how = resolve::optimisation(spec, &bounds(&task.bounds), task.seed).map_err(ComputeError::Refused)?;
+    let network = network(&task.network)?;
+    let clearance = Clearance::new(&model.insect, model.elevation_phase);
+    let problem = Problem {
+        predict: &|points, values| network.predict_into(points, values),
+        clearance: &|x| clearance.of(x),
+        margin_m: spec.clearance_margin_mm * 1e-3,
+        bounds: how.bounds,
+        penalty_r: spec.penalty_r,
+        penalty_s: spec.penalty_s,
+    };
+    let total = u64::from(spec.generations);
+    let mut hear = |at: &optimise::Progress| {
+        let stage = match at.phase {
+            Phase::Genetic => format!("generation {}", at.generation),
+            Phase::Simplex => "simplex".into(),
+        };
+        let note = format!("{stage}, best fitness {:.5}", at.best);
+        report(Progress { done: at.generation as u64, total, note });
+        ControlFlow::Continue(())
+    };
+    let optimum = optimise::optimise(&problem, &how.ga, &how.simplex, &mut hear)
+        .map_err(|e| ComputeError::Failed(e.to_string()))?;
+    result(&optimum)
+}
+
+fn result(optimum: &Optimum) -> Result<OptimiseResult, ComputeError> {
+    let score = &optimum.score;
+    finite(optimum.point.iter().chain(&score.outputs).copied())?;
+    finite([score.fitness, score.penalty, score.clearance_m])?;
+    finite(optimum.history.iter().flat_map(|g| [g.best, g.mean]))?;
+    let generation = |(i, g): (usize, &Generation)| GenerationMessage {
+        generation: u32::try_from(i).unwrap_or(u32::MAX),
+        best: g.best,
+        mean: g.mean,
+    };
+    Ok(OptimiseResult {
+        parameters: ParameterValues(optimum.point),
+        predicted: scaled(score.outputs),
+        fitness: score.fitness,
+        penalty: score.penalty,
+        clearance_mm: score.clearance_m * 1e3,
+        history: optimum.history.iter().enumerate().map(generation).collect(),
+        stopped: match optimum.ga_stop {
+            GaStop::Stalled => "the best fitness no longer changed".into(),
+            GaStop::Generations => "all generations were made".into(),
+            GaStop::Interrupted => "interrupted".into(),
+        },
+        evaluations: optimum.evaluations as u64,
+        solver_version: SOLVER_VERSION.into(),
+    })
+}
+
+/// A network from the wire may have any shape; one of the wrong shape would panic deep inside.
+fn network(n: &NetworkMessage) -> Result<Network, ComputeError> {
+    Network::new_checked(
+        bounds(&n.bounds),
+        n.hidden_weights.clone(),
+        n.hidden_biases.clone(),
+        n.output_weights.clone(),
+        n.output_biases,
+    )
+    .map_err(|e| ComputeError::Refused(vec![FieldProblem::new("/network", e.to_string())]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_the_wrong_shape_is_refused() {
+        let bounds = manduca_protocol::task::BoundsMessage { lower: [0.0; 10], upper: [1.0; 10] };
+        let mut message = NetworkMessage {
+            bounds,
+            hidden_weights: vec![0.0; 20],
+            hidden_biases: vec![0.0; 2],
+            output_weights: vec![0.0; 8],
+            output_biases: [0.0; 4],
+        };
+        assert!(network(&message).is_ok());
+        message.output_weights.pop();
+        assert!(network(&message).is_err());
+    }
+}

@@ -1,0 +1,63 @@
+//! One leased job, from its task to its outcome.
+
+use std::time::Duration;
+
+use manduca_protocol::ids::JobId;
+use manduca_protocol::task::{JobKind, Progress, Task};
+use manduca_protocol::worker::Lease;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use crate::backoff::Backoff;
+use crate::http::{self, Http};
+use crate::slot::{Outcome, Slot};
+
+/// Longest time a large task may take to arrive.
+const FETCH: Duration = Duration::from_secs(300);
+/// A run limit beyond this is none.
+const LONGEST_RUN: f64 = 30.0 * 86_400.0;
+
+/// A job which has come to its end, with the slot it gives back.
+pub(crate) struct Finished {
+    pub(crate) job: JobId,
+    pub(crate) attempt: u32,
+    pub(crate) kind: JobKind,
+    pub(crate) slot: Slot,
+    pub(crate) outcome: Outcome,
+}
+
+/// Fetches the task where it did not come with the lease, and computes it.
+pub(crate) async fn work(
+    mut slot: Slot,
+    lease: Lease,
+    http: Http,
+    progress: watch::Sender<Option<Progress>>,
+    stop: CancellationToken,
+) -> Finished {
+    let Lease { job, attempt, kind, run_limit_s, task, .. } = lease;
+    let task = match task {
+        Some(task) => Ok(task),
+        None => tokio::select! {
+            () = stop.cancelled() => Err(Outcome::Cancelled),
+            task = fetch(&http, job) => task.map_err(Outcome::Failed),
+        },
+    };
+    let limit = Duration::try_from_secs_f64(run_limit_s.min(LONGEST_RUN)).unwrap_or_default();
+    let outcome = match task {
+        Ok(task) => slot.run(&task, limit, &progress, &stop).await,
+        Err(outcome) => outcome,
+    };
+    Finished { job, attempt, kind, slot, outcome }
+}
+
+async fn fetch(http: &Http, job: JobId) -> Result<Task, String> {
+    let mut backoff = Backoff::default();
+    loop {
+        let request = http.get(&format!("/v1/jobs/{job}/task")).timeout(FETCH);
+        match http::call(request).await {
+            Ok(task) => return Ok(task),
+            Err(error) if error.is_passing() => tokio::time::sleep(backoff.next()).await,
+            Err(error) => return Err(format!("cannot fetch the task: {error}")),
+        }
+    }
+}

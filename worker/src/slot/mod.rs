@@ -1,0 +1,37 @@
+//! A compute slot: a child process which is handed one task at a time.
+//!
+//! Parent and child speak one JSON object per line. The parent writes a
+//! [`Task`](manduca_protocol::task::Task) to the child's standard input; the
+//! child answers with any number of [`Message::Progress`] and one
+//! [`Message::Done`] or [`Message::Failed`]. The child outlives its jobs and is
+//! started anew only after a crash or a kill.
+
+mod child;
+mod parent;
+mod stderr;
+
+pub use child::slot_main;
+pub use parent::{Outcome, Slot};
+
+use manduca_protocol::task::{JobResult, Progress, Provenance};
+use serde::{Deserialize, Serialize};
+
+/// What a child says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "message", rename_all = "kebab-case")]
+pub enum Message {
+    /// Still at it.
+    Progress(Progress),
+    /// The task's result.
+    Done {
+        /// What came out.
+        result: JobResult,
+        /// How it was computed.
+        provenance: Provenance,
+    },
+    /// The task could not be computed; the child is fit for another.
+    Failed {
+        /// Why.
+        reason: String,
+    },
+}

@@ -1,0 +1,228 @@
+//! The parent's side.
+
+use std::io;
+use std::path::PathBuf;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use manduca_protocol::task::{JobResult, Progress, Provenance, Task};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
+use tokio::process::{Child, ChildStdin, ChildStdout, Command};
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use super::Message;
+use super::stderr::LastWords;
+
+/// A program which cannot be started must not burn every attempt of every job within a second.
+const AFTER_A_FAILED_START: Duration = Duration::from_secs(1);
+
+/// How a task ended.
+#[derive(Debug)]
+pub enum Outcome {
+    /// With a result.
+    Done(Box<JobResult>, Provenance),
+    /// Without one.
+    Failed(String),
+    /// Its lease was taken away; no one waits for an answer.
+    Cancelled,
+}
+
+/// A compute slot: at most one child process, started when first needed.
+#[derive(Debug)]
+pub struct Slot {
+    program: PathBuf,
+    arguments: Vec<String>,
+    process: Option<Process>,
+}
+
+#[derive(Debug)]
+struct Process {
+    child: Child,
+    stdin: ChildStdin,
+    stdout: Lines<BufReader<ChildStdout>>,
+    last_words: LastWords,
+}
+
+impl Slot {
+    /// A slot whose child is `program arguments...`.
+    pub fn new(program: PathBuf, arguments: Vec<String>) -> Self {
+        Self { program, arguments, process: None }
+    }
+
+    /// Computes a task: to its end, to its run limit, or until told to stop.
+    pub async fn run(
+        &mut self,
+        task: &Task,
+        limit: Duration,
+        progress: &watch::Sender<Option<Progress>>,
+        stop: &CancellationToken,
+    ) -> Outcome {
+        if let Err(e) = self.ensure_started() {
+            let reason = format!("cannot start {}: {e}", self.program.display());
+            tokio::select! {
+                () = stop.cancelled() => {}
+                () = tokio::time::sleep(AFTER_A_FAILED_START) => {}
+            }
+            return Outcome::Failed(reason);
+        }
+        tokio::select! {
+            biased;
+            () = stop.cancelled() => {
+                self.kill().await;
+                Outcome::Cancelled
+            }
+            () = tokio::time::sleep(limit) => {
+                self.kill().await;
+                Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()))
+            }
+            answer = self.converse(task, progress) => match answer {
+                Ok(outcome) => outcome,
+                Err(trouble) => Outcome::Failed(self.bury(trouble).await),
+            }
+        }
+    }
+
+    /// A child may have died while it was idle; that is no job's fault.
+    fn ensure_started(&mut self) -> io::Result<()> {
+        if let Some(process) = &mut self.process
+            && process.child.try_wait()?.is_none()
+        {
+            process.last_words.clear();
+            return Ok(());
+        }
+        self.process = None;
+        let mut command = Command::new(&self.program);
+        command.args(&self.arguments).kill_on_drop(true);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        #[cfg(unix)]
+        command.arg0("manduca");
+        let mut child = command.spawn()?;
+        let (Some(stdin), Some(stdout), Some(stderr)) = (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err(io::Error::other("no pipes to the slot"));
+        };
+        let stdout = BufReader::new(stdout).lines();
+        self.process = Some(Process { child, stdin, stdout, last_words: LastWords::of(stderr) });
+        Ok(())
+    }
+
+    async fn converse(&mut self, task: &Task, progress: &watch::Sender<Option<Progress>>) -> io::Result<Outcome> {
+        let Some(process) = &mut self.process else { return Err(io::Error::other("not started")) };
+        let mut line = serde_json::to_vec(task)?;
+        line.push(b'\n');
+        process.stdin.write_all(&line).await?;
+        process.stdin.flush().await?;
+        while let Some(line) = process.stdout.next_line().await? {
+            match serde_json::from_str(&line)? {
+                Message::Progress(at) => drop(progress.send_replace(Some(at))),
+                Message::Done { result, provenance } => return Ok(Outcome::Done(Box::new(result), provenance)),
+                Message::Failed { reason } => return Ok(Outcome::Failed(reason)),
+            }
+        }
+        Err(io::ErrorKind::UnexpectedEof.into())
+    }
+
+    /// Ends the child for good.
+    async fn kill(&mut self) {
+        if let Some(mut process) = self.process.take() {
+            // It may have ended by itself in this very moment: gone is gone.
+            let _ = process.child.kill().await;
+        }
+    }
+
+    /// Ends a child which broke off the conversation, and says why it did.
+    async fn bury(&mut self, trouble: io::Error) -> String {
+        let Some(mut process) = self.process.take() else { return trouble.to_string() };
+        // One which only talks nonsense is still alive and has to be killed;
+        // one which hung up is about to end by itself, and how is worth knowing.
+        let wait = if trouble.kind() == io::ErrorKind::InvalidData { Duration::ZERO } else { Duration::from_secs(1) };
+        let ended = match tokio::time::timeout(wait, process.child.wait()).await {
+            Ok(Ok(status)) => describe(status),
+            _ => {
+                let _ = process.child.kill().await;
+                format!("the slot broke off: {trouble}")
+            }
+        };
+        match process.last_words.take().await {
+            words if words.is_empty() => ended,
+            words => format!("{ended}; it said: {words}"),
+        }
+    }
+}
+
+fn describe(status: ExitStatus) -> String {
+    #[cfg(unix)]
+    if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
+        let hint = if signal == 9 { " (killed, perhaps for lack of memory)" } else { "" };
+        return format!("the slot ended by signal {signal}{hint}");
+    }
+    format!("the slot ended with {status}")
+}
+
+#[cfg(test)]
+#[cfg(unix)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    fn script(text: &str) -> Slot {
+        Slot::new("/bin/sh".into(), vec!["-c".into(), text.into()])
+    }
+
+    fn task() -> Task {
+        serde_json::from_str(
+            r#"{"kind":"train","surrogate":{},"seed":1,"bounds":{"lower":[0,0,0,0,0,0,0,0,0,0],
+                "upper":[1,1,1,1,1,1,1,1,1,1]},"dataset":[]}"#,
+        )
+        .unwrap()
+    }
+
+    async fn run(slot: &mut Slot, limit: Duration) -> (String, Option<Progress>) {
+        let (progress, at) = watch::channel(None);
+        let outcome = slot.run(&task(), limit, &progress, &CancellationToken::new()).await;
+        let at = at.borrow().clone();
+        match outcome {
+            Outcome::Failed(reason) => (reason, at),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[tokio::test]
+    async fn a_crash_is_a_failure_with_its_last_words_and_the_next_job_runs() {
+        let mut slot = script("read task; echo 'out of vortices' >&2; kill -ABRT $$");
+        for _ in 0..2 {
+            let (reason, _) = run(&mut slot, Duration::from_secs(10)).await;
+            assert!(reason.contains("signal 6") && reason.contains("out of vortices"), "{reason}");
+        }
+    }
+
+    #[tokio::test]
+    async fn one_child_serves_many_jobs_and_reports_progress() {
+        let mut slot = script(
+            r#"while read task; do n=$((n+1)); echo '{"message":"progress","done":1,"total":2,"note":"half"}'
+               echo "{\"message\":\"failed\",\"reason\":\"job $n of $$\"}"; done"#,
+        );
+        let (first, at) = run(&mut slot, Duration::from_secs(10)).await;
+        assert_eq!(at.unwrap().note, "half");
+        let (second, _) = run(&mut slot, Duration::from_secs(10)).await;
+        assert_eq!(first.replace("job 1", "job 2"), second);
+    }
+
+    #[tokio::test]
+    async fn nonsense_and_overrun_end_the_child() {
+        let (reason, _) = run(&mut script("read task; echo hello; exec sleep 60"), Duration::from_secs(10)).await;
+        assert!(reason.contains("broke off"), "{reason}");
+        let start = Instant::now();
+        let (reason, _) = run(&mut script("exec sleep 60"), Duration::from_millis(100)).await;
+        assert!(reason.contains("run limit"), "{reason}");
+        assert!(start.elapsed() < Duration::from_secs(10));
+    }
+
+    #[tokio::test]
+    async fn a_program_which_is_not_there_is_a_failure() {
+        let mut slot = Slot::new("/no/such/program".into(), vec![]);
+        let (reason, _) = run(&mut slot, Duration::from_secs(10)).await;
+        assert!(reason.contains("cannot start /no/such/program"), "{reason}");
+    }
+}

@@ -1,0 +1,187 @@
+//! A coordinator of a few lines, which loses answers and forgets workers on demand.
+
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::ops::RangeInclusive;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::routing::{delete, get, post};
+use axum::{Json, Router};
+use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::problem::Problem;
+use manduca_protocol::task::{JobKind, Task};
+use manduca_protocol::worker::{ExchangeRequest, ExchangeResponse, Lease, RegisterRequest, RegisterResponse};
+use tokio::net::TcpListener;
+use tokio::sync::Notify;
+
+/// What a slot says of a task it has done.
+pub const DONE: &str = r#"{"message":"done","result":{"kind":"simulate","outcome":"infeasible","reason":"no","solver_version":"1"},"provenance":{"wall_s":0.1,"level":"avx2"}}"#;
+/// What a slot says of a task it refuses.
+pub const FAILED: &str = r#"{"message":"failed","reason":"no such wing"}"#;
+
+/// What the coordinator knows and what a test may change.
+#[derive(Default)]
+pub struct Book {
+    pub worker: Option<WorkerId>,
+    pub registered: u32,
+    pub refuse: bool,
+    pub inline: bool,
+    pub queue: VecDeque<i64>,
+    pub leased: HashSet<i64>,
+    pub completed: HashMap<i64, u32>,
+    pub failed: Vec<String>,
+    pub renewed: u32,
+    pub cancel: Vec<i64>,
+    pub lose_reports: u32,
+    pub fetched: u32,
+    pub left: u32,
+}
+
+type Shared = Arc<(Mutex<Book>, Notify)>;
+
+pub struct Coordinator {
+    pub url: String,
+    shared: Shared,
+}
+
+impl Coordinator {
+    pub async fn start() -> Self {
+        let shared: Shared = Arc::new((Mutex::new(Book { inline: true, ..Book::default() }), Notify::new()));
+        let app = Router::new()
+            .route("/v1/workers", post(register))
+            .route("/v1/workers/{worker}/exchange", post(exchange))
+            .route("/v1/workers/{worker}", delete(leave))
+            .route("/v1/jobs/{job}/task", get(fetch))
+            .with_state(shared.clone());
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        tokio::spawn(async move { axum::serve(listener, app).await.unwrap() });
+        Self { url, shared }
+    }
+
+    pub fn see<T>(&self, look: impl FnOnce(&Book) -> T) -> T {
+        look(&self.shared.0.lock().unwrap())
+    }
+
+    pub fn change(&self, change: impl FnOnce(&mut Book)) {
+        change(&mut self.shared.0.lock().unwrap());
+        self.shared.1.notify_waiters();
+    }
+
+    pub fn queue(&self, jobs: RangeInclusive<i64>) {
+        self.change(|book| book.queue.extend(jobs));
+    }
+}
+
+fn problem(status: StatusCode, detail: &str) -> Response {
+    let problem = Problem {
+        kind: "urn:test".into(),
+        title: "no".into(),
+        status: status.as_u16(),
+        detail: detail.into(),
+        errors: Vec::new(),
+    };
+    (status, Json(problem)).into_response()
+}
+
+async fn register(State(shared): State<Shared>, Json(_): Json<RegisterRequest>) -> Response {
+    let mut book = shared.0.lock().unwrap();
+    if book.refuse {
+        return problem(StatusCode::CONFLICT, "another solver version");
+    }
+    let worker = WorkerId::new();
+    book.worker = Some(worker);
+    book.registered += 1;
+    Json(RegisterResponse { worker, lease_s: 1.0, renew_s: 0.1 }).into_response()
+}
+
+async fn leave(State(shared): State<Shared>, Path(_): Path<WorkerId>) -> StatusCode {
+    shared.0.lock().unwrap().left += 1;
+    StatusCode::NO_CONTENT
+}
+
+fn task() -> Task {
+    serde_json::from_str(
+        r#"{"kind":"train","surrogate":{},"seed":1,"bounds":{"lower":[0,0,0,0,0,0,0,0,0,0],
+            "upper":[1,1,1,1,1,1,1,1,1,1]},"dataset":[]}"#,
+    )
+    .unwrap()
+}
+
+async fn fetch(State(shared): State<Shared>, Path(_): Path<JobId>) -> Json<Task> {
+    shared.0.lock().unwrap().fetched += 1;
+    Json(task())
+}
+
+async fn exchange(
+    State(shared): State<Shared>,
+    Path(worker): Path<WorkerId>,
+    Json(request): Json<ExchangeRequest>,
+) -> Response {
+    let mut response = ExchangeResponse::default();
+    {
+        let mut book = shared.0.lock().unwrap();
+        if book.worker != Some(worker) {
+            return problem(StatusCode::NOT_FOUND, "unknown worker");
+        }
+        take(&mut book, &request, &mut response);
+        let report = !request.complete.is_empty() || !request.fail.is_empty();
+        if report && book.lose_reports > 0 {
+            book.lose_reports -= 1;
+            return problem(StatusCode::BAD_GATEWAY, "lost");
+        }
+    }
+    let wait = tokio::time::sleep(Duration::from_secs_f64(request.wait_s));
+    tokio::pin!(wait);
+    loop {
+        let changed = shared.1.notified();
+        {
+            let mut book = shared.0.lock().unwrap();
+            if book.worker != Some(worker) {
+                return problem(StatusCode::NOT_FOUND, "unknown worker");
+            }
+            grant(&mut book, request.want, &mut response);
+        }
+        if !response.jobs.is_empty() || request.wait_s == 0.0 {
+            return Json(response).into_response();
+        }
+        tokio::select! {
+            () = &mut wait => return Json(response).into_response(),
+            () = changed => {}
+        }
+    }
+}
+
+fn take(book: &mut Book, request: &ExchangeRequest, response: &mut ExchangeResponse) {
+    for completion in &request.complete {
+        book.leased.remove(&completion.job.0);
+        *book.completed.entry(completion.job.0).or_default() += 1;
+        response.accepted.push(completion.job);
+    }
+    for failure in &request.fail {
+        if book.leased.remove(&failure.job.0) {
+            book.failed.push(failure.reason.clone());
+        }
+        response.accepted.push(failure.job);
+    }
+    for renewal in &request.renew {
+        book.renewed += 1;
+        if book.cancel.contains(&renewal.job.0) {
+            book.leased.remove(&renewal.job.0);
+            response.cancel.push(renewal.job);
+        }
+    }
+}
+
+fn grant(book: &mut Book, want: u32, response: &mut ExchangeResponse) {
+    for _ in 0..want {
+        let Some(job) = book.queue.pop_front() else { break };
+        book.leased.insert(job);
+        let task = book.inline.then(task);
+        let kind = if book.inline { JobKind::Simulate } else { JobKind::Train };
+        response.jobs.push(Lease { job: JobId(job), attempt: 1, study: StudyId::new(), kind, run_limit_s: 30.0, task });
+    }
+}
