@@ -6,6 +6,7 @@ mod support;
 use std::f64::consts::PI;
 
 use manduca_numerics::kinematics::{Attitude, ElevationPhase, Stroke, Vector};
+use manduca_numerics::math::{atan2, cos, sin};
 use manduca_numerics::uvlm::{Air, Cores, Lattice, Planform, Pose, Solver, Suction};
 use support::Wing;
 
@@ -87,20 +88,20 @@ fn theodorsen_plunge() {
         for i in 0..steps * cycles {
             // Downward plunge velocity h' = amplitude cos(ωt); the plate stays level.
             let phase = omega * i as f64 * dt;
-            let height = -amplitude / omega * phase.sin();
-            let mut pose = Wing::pose(0.0, i as f64 * dt, Vector::new(1.0, 0.0, -amplitude * phase.cos()), 0.0);
+            let height = -amplitude / omega * sin(phase);
+            let mut pose = Wing::pose(0.0, i as f64 * dt, Vector::new(1.0, 0.0, -amplitude * cos(phase)), 0.0);
             pose.origin.z = height;
             let lift = solver.step(&pose, dt).expect("holds").force.z / wing.area();
             if i >= steps * (cycles - 1) {
-                cosine += 2.0 / steps as f64 * lift * phase.cos();
-                sine += 2.0 / steps as f64 * lift * phase.sin();
+                cosine += 2.0 / steps as f64 * lift * cos(phase);
+                sine += 2.0 / steps as f64 * lift * sin(phase);
             }
         }
         // As real and imaginary part of the lift over h' = amplitude e^{iωt}, b = 1/2.
         let (got_re, got_im) = (cosine / amplitude, -sine / amplitude);
         let (want_re, want_im) = (PI * re, PI * im + PI * 0.25 * omega);
         let (size, want) = (got_re.hypot(got_im), want_re.hypot(want_im));
-        let turn = (got_im.atan2(got_re) - want_im.atan2(want_re)).to_degrees();
+        let turn = (atan2(got_im, got_re) - atan2(want_im, want_re)).to_degrees();
         assert!((size / want - 1.0).abs() < 0.03 && turn.abs() < 3.0, "k {k}: {size} against {want}, {turn}° off");
     }
 }

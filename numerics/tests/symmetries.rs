@@ -50,7 +50,7 @@ fn stroke_plane_angle_is_exact() {
         assert_eq!(tilted.stroke_axes[i].mean, level.stroke_axes[i].mean, "stroke axes {i}");
     }
     assert_eq!(tilted.outputs[3].mean, level.outputs[3].mean);
-    let (s, c) = 15.0_f64.to_radians().sin_cos();
+    let (s, c) = manduca_numerics::math::sin_cos(15.0_f64.to_radians());
     let (t, n) = (level.stroke_axes[0].mean, level.stroke_axes[1].mean);
     close(tilted.outputs[0].mean, n * c - t * s, 1e-12, "lift");
     close(tilted.outputs[1].mean, -(t * c + n * s), 1e-12, "drag");

@@ -42,7 +42,7 @@ impl Wing {
 
     /// The wing flying forward (+x) at incidence, displaced by `travel`.
     pub fn pose(incidence: f64, travel: f64, velocity: Vector, omega: f64) -> Pose {
-        let (s, c) = incidence.sin_cos();
+        let (s, c) = manduca_numerics::math::sin_cos(incidence);
         Pose {
             origin: Vector::new(travel, 0.0, 0.0),
             e_r: Vector::new(0.0, 1.0, 0.0),

@@ -83,6 +83,10 @@ async fn read(mut request: Request, limit: usize, config: &Config) -> Result<Byt
 /// # Errors
 /// With the JSON pointer of the field at fault.
 pub(crate) fn parse<T: Accepted>(bytes: &[u8]) -> Result<T, ApiError> {
+    // Serde would read a list as the fields of an object in their order.
+    if bytes.trim_ascii_start().starts_with(b"[") {
+        return Err(T::refuse(vec![FieldProblem::new("", "must be an object, not an array")]));
+    }
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
         let path = pointer(error.path());
