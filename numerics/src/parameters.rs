@@ -112,7 +112,7 @@ impl Bounds {
 
     /// The inverse of [`Bounds::to_unit`].
     pub fn from_unit(&self, u: &Point) -> Point {
-        std::array::from_fn(|i| (self.upper[i] - self.lower[i]).mul_add(u[i], self.lower[i]))
+        std::array::from_fn(|i| self.lower[i] + (self.upper[i] - self.lower[i]) * u[i])
     }
 }
 

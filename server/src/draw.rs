@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::ops::Range;
 
-use manduca_numerics::kinematics::clearance;
+use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::parameters::Point;
 use manduca_numerics::sampling::sample;
 use manduca_protocol::point::ParameterValues;
@@ -12,7 +12,7 @@ use manduca_protocol::resolve::ResolvedStudy;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::SimulateTask;
 
-/// Strokes tried per sample wanted before the box is called infeasible. It
+/// Strokes tried per feasible one found before the box is called infeasible. It
 /// bounds the work a submission can cause.
 const TRIES_PER_SAMPLE: u64 = 200;
 /// Strokes tried in any case.
@@ -29,11 +29,16 @@ pub(crate) struct Drawn {
 /// Draws the samples of these indices; indices without a feasible stroke are left out.
 pub(crate) fn draw(spec: &StudySpec, study: &ResolvedStudy, indices: Range<u32>) -> Vec<Drawn> {
     let margin_m = spec.sampling.clearance_margin_mm * 1e-3;
-    let tries = Cell::new(TRIES_AT_LEAST + TRIES_PER_SAMPLE * u64::from(indices.end - indices.start));
+    let clearance = Clearance::new(&study.model.insect, study.model.elevation_phase);
+    let tries = Cell::new(TRIES_AT_LEAST);
     let accept = |x: &Point| {
         // Out of tries nothing is computed any more, and every index ends empty.
         tries.set(tries.get().saturating_sub(1));
-        tries.get() > 0 && clearance(&study.model.insect, study.model.elevation_phase, x) >= margin_m
+        let accepted = tries.get() > 0 && clearance.of(x) >= margin_m;
+        if accepted {
+            tries.set(tries.get() + TRIES_PER_SAMPLE);
+        }
+        accepted
     };
     let mut drawn = Vec::with_capacity(indices.len());
     for ordinal in indices {

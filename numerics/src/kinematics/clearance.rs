@@ -1,11 +1,11 @@
 //! Whether the wings collide is pure kinematics.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::FRAC_PI_2;
 
 use crate::insect::Insect;
 use crate::kinematics::{ElevationPhase, Stroke};
 use crate::math::sin_cos;
-use crate::parameters::Point;
+use crate::parameters::{Point, at};
 use crate::wing::Outline;
 
 /// Instants per half stroke. The closest approach is a smooth minimum: at this
@@ -19,29 +19,36 @@ const STATIONS: usize = 16;
 pub struct Clearance {
     hinge_offset: f64,
     phase: ElevationPhase,
-    /// Distance from the hinge, leading and trailing edge, m.
-    stations: [[f64; 3]; STATIONS],
+    /// Distance of each station from the hinge, m.
+    span: [f64; STATIONS],
+    /// Leading and trailing edge there, m.
+    edges: [[f64; STATIONS]; 2],
 }
 
 impl Clearance {
     /// Prepares the outline of the wing.
     pub fn new(insect: &Insect, phase: ElevationPhase) -> Self {
         let outline = Outline::new(insect);
-        let stations = std::array::from_fn(|k| {
+        let stations: [f64; STATIONS] = std::array::from_fn(|k| {
             let share = k as f64 / (STATIONS - 1) as f64;
             // Closer towards the tip, which comes closest and where the chord changes fastest.
-            let x = insect.root_cutout + (1.0 - insect.root_cutout) * crate::math::sin(share * FRAC_PI_2);
-            let (leading, trailing) = outline.edges(x);
-            [x * insect.wing_length_m, leading, trailing]
+            insect.root_cutout + (1.0 - insect.root_cutout) * crate::math::sin(share * FRAC_PI_2)
         });
-        Self { hinge_offset: insect.hinge_offset_m, phase, stations }
+        Self {
+            hinge_offset: insect.hinge_offset_m,
+            phase,
+            span: stations.map(|x| x * insect.wing_length_m),
+            edges: [stations.map(|x| outline.edges(x).0), stations.map(|x| outline.edges(x).1)],
+        }
     }
 
     /// Least distance of any wing point from the plane of symmetry over the
     /// stroke, m; negative where the wings would cross.
     pub fn of(&self, x: &Point) -> f64 {
         let stroke = Stroke::new(x, self.phase);
-        let mut least = f64::INFINITY;
+        // One minimum per station, so that stations are computed side by side.
+        let mut least = [f64::INFINITY; STATIONS];
+        let mean = FRAC_PI_2 + x[at::ROTATION_MEAN].to_radians();
         for i in 0..=INSTANTS {
             let phase = i as f64 / (2 * INSTANTS) as f64;
             let [sweep, elevation, rotation] = stroke.angles(phase).map(|a| a.value);
@@ -49,17 +56,17 @@ impl Clearance {
             let (st, ct) = sin_cos(elevation);
             // The second half stroke has the same sweep and elevation as the first,
             // run backwards, and the rotation mirrored about its mean.
-            let mean = FRAC_PI_2 + x[crate::parameters::at::ROTATION_MEAN] * PI / 180.0;
             for alpha in [rotation, 2.0 * mean - rotation] {
                 let (sa, ca) = sin_cos(alpha);
                 let (span, chord) = (ct * cp, -ca * sp - sa * st * cp);
-                for [r, leading, trailing] in self.stations {
-                    let y = chord.mul_add(if chord < 0.0 { leading } else { trailing }, span * r);
-                    least = least.min(y);
+                let edge = &self.edges[usize::from(chord > 0.0)];
+                for k in 0..STATIONS {
+                    let y = span * self.span[k] + chord * edge[k];
+                    least[k] = if y < least[k] { y } else { least[k] };
                 }
             }
         }
-        self.hinge_offset + least
+        self.hinge_offset + least.into_iter().fold(f64::INFINITY, f64::min)
     }
 }
 

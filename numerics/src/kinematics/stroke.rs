@@ -81,7 +81,7 @@ impl Stroke {
         let rotation = rotation_shape(self.rotation_shape, s, c);
         let elevation = [c * c - s * s, -4.0 * s * c, -4.0 * (c * c - s * s)];
         let angle = |mean: f64, amplitude: f64, shape: [f64; 3]| Angle {
-            value: amplitude.mul_add(shape[0], mean),
+            value: mean + amplitude * shape[0],
             rate: amplitude * shape[1] * omega,
             acceleration: amplitude * shape[2] * omega * omega,
         };

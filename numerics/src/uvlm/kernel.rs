@@ -139,7 +139,7 @@ pub struct Sheet<'a> {
 /// Largest number of nodes in a row.
 pub const MAX_COLUMNS: usize = 64;
 
-/// The row of nodes as seen from eight targets: offsets and distances.
+/// A node as seen from eight targets: offsets and distances.
 #[derive(Clone, Copy)]
 struct Seen {
     x: Lane,
@@ -197,44 +197,70 @@ fn add_two(velocity: &mut [Lane; 3], s: &Segment, t: &Segment) {
     accumulate(velocity, t, Lane::mul(Lane::mul(t.num, s.den), inverse));
 }
 
-#[inline(always)]
-fn see(sheet: &Sheet<'_>, node: usize, target: &[Lane; 3]) -> Seen {
-    let x = Lane::sub(target[0], Lane::splat(sheet.nodes[0][node]));
-    let y = Lane::sub(target[1], Lane::splat(sheet.nodes[1][node]));
-    let z = Lane::sub(target[2], Lane::splat(sheet.nodes[2][node]));
-    let r = Lane::sqrt(Lane::mul_add(x, x, Lane::mul_add(y, y, Lane::mul(z, z))));
-    Seen { x, y, z, r }
+/// One row of nodes with the segments along it and those from the row above.
+struct Row<'a> {
+    x: &'a [f64],
+    y: &'a [f64],
+    z: &'a [f64],
+    /// Strengths and cores of the segments along the row.
+    along: (&'a [f64], &'a [f64]),
+    /// Strengths and cores of the segments from the row above; none above the first.
+    above: (&'a [f64], &'a [f64]),
 }
 
-/// Velocity at eight targets.
+impl<'a> Row<'a> {
+    #[inline(always)]
+    fn of(sheet: &Sheet<'a>, j: usize) -> Self {
+        let (columns, strips) = (sheet.columns, sheet.columns - 1);
+        let (nodes, along) = (j * columns..(j + 1) * columns, j * strips..(j + 1) * strips);
+        let above = if j > 0 { (j - 1) * columns..j * columns } else { 0..0 };
+        Self {
+            x: &sheet.nodes[0][nodes.clone()],
+            y: &sheet.nodes[1][nodes.clone()],
+            z: &sheet.nodes[2][nodes],
+            along: (&sheet.spanwise[along.clone()], &sheet.spanwise_core[along]),
+            above: (&sheet.chordwise[above.clone()], &sheet.chordwise_core[above]),
+        }
+    }
+
+    #[inline(always)]
+    fn see(&self, k: usize, target: &[Lane; 3]) -> Seen {
+        let x = Lane::sub(target[0], Lane::splat(self.x[k]));
+        let y = Lane::sub(target[1], Lane::splat(self.y[k]));
+        let z = Lane::sub(target[2], Lane::splat(self.z[k]));
+        let r = Lane::sqrt(Lane::mul_add(x, x, Lane::mul_add(y, y, Lane::mul(z, z))));
+        Seen { x, y, z, r }
+    }
+}
+
+/// Velocity at eight targets. `seen` carries a row's nodes to the next row.
 #[inline(always)]
-fn induce_block(sheet: &Sheet<'_>, target: &[Lane; 3], rows: &mut [[Seen; MAX_COLUMNS]; 2]) -> [Lane; 3] {
+fn induce_block(sheet: &Sheet<'_>, target: &[Lane; 3], seen: &mut [Seen; MAX_COLUMNS]) -> [Lane; 3] {
     let columns = sheet.columns;
+    let seen = &mut seen[..columns];
     let mut velocity = [Lane::ZERO; 3];
-    for j in 0..sheet.nodes[0].len() / columns {
-        let (first, second) = rows.split_at_mut(1);
-        let (above, row) = if j % 2 == 0 { (&second[0], &mut first[0]) } else { (&first[0], &mut second[0]) };
-        for (k, seen) in row[..columns].iter_mut().enumerate() {
-            *seen = see(sheet, j * columns + k, target);
+    let first = Row::of(sheet, 0);
+    let mut inboard = first.see(0, target);
+    seen[0] = inboard;
+    for (k, place) in seen.iter_mut().enumerate().skip(1) {
+        let node = first.see(k, target);
+        add_one(&mut velocity, &segment(&inboard, &node, first.along.0[k - 1], first.along.1[k - 1]));
+        *place = node;
+        inboard = node;
+    }
+    for j in 1..sheet.nodes[0].len() / columns {
+        let row = Row::of(sheet, j);
+        let mut inboard = row.see(0, target);
+        add_one(&mut velocity, &segment(&seen[0], &inboard, row.above.0[0], row.above.1[0]));
+        seen[0] = inboard;
+        for (k, place) in seen.iter_mut().enumerate().skip(1) {
+            let node = row.see(k, target);
+            let along = segment(&inboard, &node, row.along.0[k - 1], row.along.1[k - 1]);
+            let above = segment(place, &node, row.above.0[k], row.above.1[k]);
+            add_two(&mut velocity, &along, &above);
+            *place = node;
+            inboard = node;
         }
-        let along = j * (columns - 1);
-        if j == 0 {
-            for k in 0..columns - 1 {
-                add_one(
-                    &mut velocity,
-                    &segment(&row[k], &row[k + 1], sheet.spanwise[along + k], sheet.spanwise_core[along + k]),
-                );
-            }
-            continue;
-        }
-        let down = (j - 1) * columns;
-        for k in 0..columns - 1 {
-            let s = segment(&row[k], &row[k + 1], sheet.spanwise[along + k], sheet.spanwise_core[along + k]);
-            let t = segment(&above[k], &row[k], sheet.chordwise[down + k], sheet.chordwise_core[down + k]);
-            add_two(&mut velocity, &s, &t);
-        }
-        let k = columns - 1;
-        add_one(&mut velocity, &segment(&above[k], &row[k], sheet.chordwise[down + k], sheet.chordwise_core[down + k]));
     }
     velocity
 }
@@ -242,11 +268,11 @@ fn induce_block(sheet: &Sheet<'_>, target: &[Lane; 3], rows: &mut [[Seen; MAX_CO
 #[inline(always)]
 fn induce_all(sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
     let nothing = Seen { x: Lane::ZERO, y: Lane::ZERO, z: Lane::ZERO, r: Lane::ZERO };
-    let mut rows = [[nothing; MAX_COLUMNS]; 2];
+    let mut seen = [nothing; MAX_COLUMNS];
     for start in (0..targets.len()).step_by(LANES) {
         let target =
             [Lane::load(&targets.x[start..]), Lane::load(&targets.y[start..]), Lane::load(&targets.z[start..])];
-        let v = induce_block(sheet, &target, &mut rows);
+        let v = induce_block(sheet, &target, &mut seen);
         for (component, v) in [&mut velocity.x, &mut velocity.y, &mut velocity.z].into_iter().zip(v) {
             for (sum, v) in component[start..start + LANES].iter_mut().zip(v.0) {
                 *sum += v;

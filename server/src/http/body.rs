@@ -117,10 +117,10 @@ fn pointer(path: &Path) -> String {
     pointer
 }
 
-/// Serde places a missing or unknown field at its object; the field itself is
+/// Serde places a missing, unknown or repeated field at its object; the field itself is
 /// only in the message.
 fn named_field(object: String, detail: &str) -> String {
-    for start in ["missing field `", "unknown field `", "unknown parameter `", "parameter `"] {
+    for start in ["missing field `", "unknown field `", "duplicate field `", "unknown parameter `", "parameter `"] {
         if let Some(rest) = detail.strip_prefix(start)
             && let Some((field, _)) = rest.split_once('`')
         {
