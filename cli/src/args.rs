@@ -62,6 +62,9 @@ pub enum Command {
     Insects(InsectsArgs),
     /// List the solver's settings with ranges and defaults.
     Settings(SettingsArgs),
+    /// Measure this machine.
+    #[command(subcommand)]
+    Bench(BenchCommand),
     /// Ask a coordinator whether it is well; exit code 0 if so.
     #[command(hide = true)]
     Healthcheck(HealthcheckArgs),
@@ -258,6 +261,24 @@ pub struct SimulateArgs {
     #[command(flatten)]
     pub model: ModelArgs,
     /// Print one JSON object; an infeasible stroke is an answer, exit code 0.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca bench ...`.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// The vortex lattice: its kernel, whole cases, and what a study would take here.
+    Solver(BenchSolverArgs),
+}
+
+/// `manduca bench solver`.
+#[derive(Debug, Args)]
+pub struct BenchSolverArgs {
+    /// Samples of the study whose time is estimated.
+    #[arg(long, value_name = "N", default_value_t = 5000)]
+    pub samples: u32,
+    /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
 }

@@ -13,6 +13,7 @@ mod signals;
 mod study_file;
 
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 
@@ -27,5 +28,8 @@ fn main() -> ExitCode {
         Ok(runtime) => runtime,
         Err(error) => return exit::report(&error.into()),
     };
-    runtime.block_on(commands::dispatch(cli.command)).unwrap_or_else(|error| exit::report(&error))
+    let code = runtime.block_on(commands::dispatch(cli.command)).unwrap_or_else(|error| exit::report(&error));
+    // A draw of samples still on its own thread must not hold up the end.
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    code
 }

@@ -6,6 +6,7 @@ mod geometry;
 mod influence;
 pub mod kernel;
 mod loads;
+pub mod probe;
 mod settings;
 mod solver;
 mod suction;

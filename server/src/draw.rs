@@ -14,7 +14,7 @@ use manduca_protocol::task::SimulateTask;
 
 /// Strokes tried per feasible one found before the box is called infeasible. It
 /// bounds the work a submission can cause.
-const TRIES_PER_SAMPLE: u64 = 200;
+const TRIES_PER_SAMPLE: u64 = 40;
 /// Strokes tried in any case.
 const TRIES_AT_LEAST: u64 = 20_000;
 

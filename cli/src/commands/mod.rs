@@ -1,5 +1,6 @@
 //! One module per command.
 
+mod bench;
 mod dataset;
 mod host;
 mod lists;
@@ -26,6 +27,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Optimum(args) => study::optimum(args).await,
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
+        Command::Bench(command) => bench::bench(&command),
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),
         Command::Slot => Ok(manduca_worker::slot::slot_main()),

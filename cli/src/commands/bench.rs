@@ -1,0 +1,169 @@
+//! `manduca bench`: how fast this machine is at what takes the time.
+
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::Result;
+use manduca_numerics::cases::CASES;
+use manduca_numerics::insect::Insect;
+use manduca_numerics::kinematics::ElevationPhase;
+use manduca_numerics::simulation::{BodyVelocity, Model, SOLVER_VERSION, Simulation, level, simulate};
+use manduca_numerics::uvlm::Settings;
+use manduca_numerics::uvlm::kernel::{Points, induce, interactions};
+use manduca_numerics::uvlm::probe::{Workload, induce_plainly, multiply_adds};
+use serde::Serialize;
+
+use crate::args::{BenchCommand, BenchSolverArgs};
+use crate::output::Output;
+
+/// Floating point operations of one segment on one target (a multiply-add counts
+/// two), with its half of a node's distance and of the common division.
+const OPERATIONS: f64 = 40.0;
+
+/// Runs a benchmark.
+pub fn bench(command: &BenchCommand) -> Result<ExitCode> {
+    match command {
+        BenchCommand::Solver(args) => solver(args),
+    }
+}
+
+/// What `bench solver` found. Rates and times are of one core.
+#[derive(Debug, Serialize)]
+struct SolverReport {
+    level: &'static str,
+    solver_version: &'static str,
+    kernel_f64_ginteractions_s: f64,
+    /// There is no single-precision path.
+    kernel_f32_ginteractions_s: Option<f64>,
+    plain_f64_ginteractions_s: f64,
+    kernel_over_plain: f64,
+    fma_peak_f64_gflops: f64,
+    kernel_share_of_peak: f64,
+    case_6x12_s: f64,
+    case_8x16_s: f64,
+    production_sample_s: f64,
+    study_samples: u32,
+    cores: usize,
+    study_estimate_s: f64,
+}
+
+/// The middle of three timings, s.
+fn median(mut run: impl FnMut()) -> f64 {
+    let mut times = [0.0; 3].map(|_: f64| {
+        let start = Instant::now();
+        run();
+        start.elapsed().as_secs_f64()
+    });
+    times.sort_by(f64::total_cmp);
+    times[1]
+}
+
+fn kernel_rate() -> f64 {
+    let work = Workload::new(97, 11);
+    let mut velocity = Points::zeros(work.targets.len());
+    let repeats = 40;
+    let time = median(|| (0..repeats).for_each(|_| induce(&work.sheet(), &work.targets, &mut velocity)));
+    std::hint::black_box(&velocity);
+    interactions(&work.sheet(), &work.targets) as f64 * f64::from(repeats) / time * 1e-9
+}
+
+fn plain_rate() -> f64 {
+    let work = Workload::new(97, 11);
+    let sheet = work.sheet();
+    let targets = 400;
+    let time = median(|| {
+        for i in 0..targets {
+            std::hint::black_box(induce_plainly(&sheet, work.targets.get(i)));
+        }
+    });
+    ((sheet.spanwise.len() + sheet.chordwise.len()) * targets) as f64 / time * 1e-9
+}
+
+fn peak() -> f64 {
+    let rounds = 20_000_000;
+    let mut operations = 0;
+    let time = median(|| {
+        let (count, sum) = multiply_adds(rounds);
+        operations = count;
+        std::hint::black_box(sum);
+    });
+    operations as f64 / time * 1e-9
+}
+
+/// Wall time of one published stroke at these settings, s.
+fn case(settings: Settings) -> f64 {
+    let simulation = Simulation {
+        model: Model::Uvlm(settings),
+        insect: Insect::default(),
+        parameters: CASES[0].parameters,
+        elevation_phase: ElevationPhase::Plus,
+        elastic_storage: 0.0,
+        body_velocity: BodyVelocity::default(),
+    };
+    median(|| {
+        std::hint::black_box(simulate(&simulation).is_ok());
+    })
+}
+
+/// A lattice of the comparison with public codes: the whole wake is kept.
+fn untruncated(chordwise_panels: usize, spanwise_panels: usize, steps_per_stroke: usize, strokes: usize) -> Settings {
+    let wake_strokes = strokes as f64;
+    Settings {
+        chordwise_panels,
+        spanwise_panels,
+        steps_per_stroke,
+        strokes,
+        strokes_dropped: strokes - 1,
+        wake_strokes,
+        ..Settings::default()
+    }
+}
+
+fn solver(args: &BenchSolverArgs) -> Result<ExitCode> {
+    let (kernel, plain, peak) = (kernel_rate(), plain_rate(), peak());
+    let sample = case(Settings::default());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let report = SolverReport {
+        level: level(),
+        solver_version: SOLVER_VERSION,
+        kernel_f64_ginteractions_s: kernel,
+        kernel_f32_ginteractions_s: None,
+        plain_f64_ginteractions_s: plain,
+        kernel_over_plain: kernel / plain,
+        fma_peak_f64_gflops: peak,
+        kernel_share_of_peak: kernel * OPERATIONS / peak,
+        case_6x12_s: case(untruncated(6, 12, 40, 3)),
+        case_8x16_s: case(untruncated(8, 16, 60, 4)),
+        production_sample_s: sample,
+        study_samples: args.samples,
+        cores,
+        study_estimate_s: f64::from(args.samples) * sample / cores as f64,
+    };
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&report)?;
+    } else {
+        print(&mut out, &report)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(out: &mut Output, r: &SolverReport) -> std::io::Result<()> {
+    out.line(format_args!("one core, {}, median of three runs", r.level))?;
+    let row = |what: &str, value: String| vec![what.to_owned(), value];
+    let hours = r.study_estimate_s / 3600.0;
+    out.table(
+        &["what".to_owned(), "value".to_owned()],
+        &[
+            row("kernel, 1e9 segment interactions/s", format!("{:.3}", r.kernel_f64_ginteractions_s)),
+            row("the same segment by segment, scalar", format!("{:.3}", r.plain_f64_ginteractions_s)),
+            row("ratio", format!("{:.1}", r.kernel_over_plain)),
+            row("multiply-add peak, 1e9 operations/s", format!("{:.1}", r.fma_peak_f64_gflops)),
+            row("kernel's share of it", format!("{:.2}", r.kernel_share_of_peak)),
+            row("6 x 12 panels, 40 steps, 3 strokes, whole wake, s", format!("{:.3}", r.case_6x12_s)),
+            row("8 x 16 panels, 60 steps, 4 strokes, whole wake, s", format!("{:.2}", r.case_8x16_s)),
+            row("one sample at the default settings, s", format!("{:.3}", r.production_sample_s)),
+            row(&format!("{} samples on {} cores, h", r.study_samples, r.cores), format!("{hours:.2}")),
+        ],
+    )
+}

@@ -1,0 +1,198 @@
+//! A coordinator process with its database, its workers and a client.
+
+use std::fs;
+use std::net::TcpListener;
+use std::ops::Deref;
+use std::path::Path;
+use std::process;
+use std::sync::atomic::{AtomicU16, Ordering};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::client::Client;
+use crate::process::Process;
+use crate::program::manduca;
+use crate::wait_for;
+
+/// Ports are taken from here upwards: below those an outgoing connection gets
+/// from the system, so that nobody is given a coordinator's port while it is down.
+const FIRST_PORT: u16 = 20_000;
+const PORTS: u16 = 12_000;
+
+/// A coordinator in a folder of its own, with a [`Client`] of it.
+#[derive(Debug)]
+pub struct Coordinator {
+    process: Process,
+    client: Client,
+    address: String,
+    folder: TempDir,
+    starts: u32,
+}
+
+impl Deref for Coordinator {
+    type Target = Client;
+
+    fn deref(&self) -> &Client {
+        &self.client
+    }
+}
+
+impl Coordinator {
+    /// Starts one on a fresh database and waits until it is ready.
+    pub fn start() -> Self {
+        loop {
+            // Another process may take the port first; then the next one is tried.
+            let address = format!("127.0.0.1:{}", free_port());
+            let folder = tempfile::tempdir().expect("a temporary folder");
+            let client = Client::new(&format!("http://{address}"));
+            let process = serve(folder.path(), &address, 1);
+            let mut coordinator = Self { process, client, address, folder, starts: 1 };
+            if coordinator.becomes_ready() {
+                return coordinator;
+            }
+        }
+    }
+
+    /// Whether it answers `/readyz` before it ends.
+    fn becomes_ready(&mut self) -> bool {
+        let Self { process, client, .. } = self;
+        wait_for("a ready coordinator", || {
+            if process.ended().is_some() {
+                assert!(process.said().contains("in use"), "the coordinator does not start: {}", process.said());
+                return Some(false);
+            }
+            let answer = client.try_send(client.request("GET", "/readyz"));
+            answer.is_ok_and(|answer| answer.status == 200).then_some(true)
+        })
+    }
+
+    /// Kills it with SIGKILL.
+    pub fn kill(&mut self) {
+        self.process.kill();
+    }
+
+    /// Starts it again on the same port and database.
+    pub fn restart(&mut self) {
+        self.process.kill();
+        self.starts += 1;
+        self.process = serve(self.folder.path(), &self.address, self.starts);
+        assert!(self.becomes_ready(), "the coordinator does not start again: {}", self.process.said());
+    }
+
+    /// Asks it to leave with SIGTERM and tells its exit code.
+    pub fn leave(&mut self) -> Option<i32> {
+        self.process.terminate();
+        self.process.exit_code()
+    }
+
+    /// What it has logged since it was last started.
+    pub fn said(&self) -> String {
+        self.process.said()
+    }
+
+    /// Its address as workers and clients are given it.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    /// Its folder; the database is in `data`.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Starts a worker with one slot.
+    pub fn worker(&self, name: &str) -> Process {
+        let command = manduca(&["worker", "--coordinator", &self.url(), "--slots", "1", "--name", name]);
+        Process::start(command, self.folder.path(), name)
+    }
+
+    /// Submits a study which must be accepted, and tells its id.
+    pub fn submit(&self, study: &Value) -> String {
+        text(&self.post("/v1/studies", study).expect(201)["id"])
+    }
+
+    /// A study as it is now.
+    pub fn study(&self, id: &str) -> Value {
+        self.get(&format!("/v1/studies/{id}"))
+    }
+
+    /// Pauses, resumes or cancels a study.
+    pub fn steer(&self, id: &str, action: &str) -> Value {
+        self.send(self.request("POST", &format!("/v1/studies/{id}/{action}"))).expect(200)
+    }
+
+    /// Waits until at least so many samples of a study have succeeded.
+    pub fn wait_for_samples(&self, id: &str, least: u64) {
+        wait_for("samples", || (self.study(id)["samples"]["succeeded"].as_u64()? >= least).then_some(()));
+    }
+
+    /// Waits until a study has come to its good end, and fails at a bad one.
+    pub fn wait_until_succeeded(&self, id: &str) -> Value {
+        wait_for("a study to succeed", || {
+            let view = self.study(id);
+            assert!(view["state"] != "failed" && view["state"] != "cancelled", "{view}");
+            (view["state"] == "succeeded").then_some(view)
+        })
+    }
+
+    /// A study's dataset in a media type, as text.
+    pub fn dataset(&self, id: &str, media_type: &str) -> String {
+        let request = self.request("GET", &format!("/v1/studies/{id}/dataset")).header("accept", media_type);
+        let answer = self.send(request);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        assert!(answer.header("content-type").starts_with(media_type), "{}", answer.header("content-type"));
+        answer.body
+    }
+
+    /// All jobs of a study, page after page.
+    pub fn jobs(&self, id: &str) -> Vec<Value> {
+        let mut jobs = Vec::new();
+        let mut path = format!("/v1/studies/{id}/jobs?limit=7");
+        loop {
+            let mut page = self.get(&path);
+            jobs.append(page["items"].as_array_mut().expect("a page has items"));
+            match page["next_cursor"].as_str() {
+                Some(cursor) => path = format!("/v1/studies/{id}/jobs?limit=7&cursor={cursor}"),
+                None => return jobs,
+            }
+        }
+    }
+
+    /// The worker of this name as the coordinator sees it.
+    pub fn worker_view(&self, name: &str) -> Option<Value> {
+        let workers = self.get("/v1/workers");
+        workers.as_array().expect("a list").iter().find(|worker| worker["name"] == name).cloned()
+    }
+
+    /// Waits until the worker of this name has a job.
+    pub fn wait_for_lease(&self, name: &str) {
+        wait_for("a leased job", || (self.worker_view(name)?["leased"] != 0).then_some(()));
+    }
+}
+
+/// The text of a JSON string.
+pub fn text(value: &Value) -> String {
+    value.as_str().unwrap_or_else(|| panic!("{value} is no string")).to_owned()
+}
+
+fn serve(folder: &Path, address: &str, start: u32) -> Process {
+    let data = folder.join("data");
+    fs::create_dir_all(&data).expect("a folder can be made");
+    let data = data.to_str().expect("a temporary folder has a plain name");
+    Process::start(manduca(&["serve", "--listen", address, "--data", data]), folder, &format!("serve-{start}"))
+}
+
+/// A port nobody listens on. Test processes start at different places, and
+/// tests of one process never get the same port.
+fn free_port() -> u16 {
+    static TRIED: AtomicU16 = AtomicU16::new(0);
+    let start = process::id().wrapping_mul(37) % u32::from(PORTS);
+    loop {
+        let offset = (start + u32::from(TRIED.fetch_add(1, Ordering::Relaxed))) % u32::from(PORTS);
+        let port = FIRST_PORT + u16::try_from(offset).expect("below the number of ports");
+        if TcpListener::bind(("127.0.0.1", port)).is_ok() {
+            return port;
+        }
+    }
+}

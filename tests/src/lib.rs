@@ -1,0 +1,36 @@
+//! Helpers of the tests which start `manduca` as real processes: what is tested
+//! is what users run, with its signals, its sockets and its files.
+//!
+//! A helper that cannot do its part panics: no test could go on without it.
+
+pub mod client;
+pub mod coordinator;
+pub mod process;
+pub mod program;
+pub mod studies;
+
+pub use manduca_numerics::simulation::SOLVER_VERSION;
+
+use std::time::{Duration, Instant};
+
+/// When a test is given up as hung. No test measures time; this only ends one
+/// which would never end by itself.
+pub const DEADLINE: Duration = Duration::from_secs(240);
+
+/// How often something is looked at which cannot be waited for.
+const GLANCE: Duration = Duration::from_millis(15);
+
+/// Looks again and again until there is something to see.
+///
+/// # Panics
+/// After [`DEADLINE`], saying what was waited for.
+pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let started = Instant::now();
+    loop {
+        if let Some(seen) = look() {
+            return seen;
+        }
+        assert!(started.elapsed() < DEADLINE, "gave up waiting for {what}");
+        std::thread::sleep(GLANCE);
+    }
+}

@@ -1,0 +1,105 @@
+//! Child processes which never outlive their test.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+use crate::wait_for;
+
+/// A running process with its standard error in a file. Dropped, also by a panic, it is killed.
+#[derive(Debug)]
+pub struct Process {
+    child: Child,
+    name: String,
+    log: PathBuf,
+}
+
+impl Process {
+    /// Starts a command; what it says goes to `<folder>/<name>.log`.
+    pub fn start(mut command: Command, folder: &Path, name: &str) -> Self {
+        let log = folder.join(format!("{name}.log"));
+        let file = File::create(&log).expect("a log file can be made");
+        // A pipe nobody reads would fill up and block the child; a file cannot.
+        let child = command.stdout(Stdio::null()).stderr(file).spawn().expect("the program can be started");
+        Self { child, name: name.to_owned(), log }
+    }
+
+    /// What it has said so far.
+    pub fn said(&self) -> String {
+        fs::read(&self.log).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default()
+    }
+
+    /// How it ended, if it has.
+    pub fn ended(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().expect("a child can be waited for")
+    }
+
+    /// Ends it as a power cut would (SIGKILL), and waits until it is gone.
+    pub fn kill(&mut self) {
+        // It may have ended by itself already; then there is nothing to kill.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Asks it to leave (SIGTERM).
+    pub fn terminate(&self) {
+        // The standard library can only kill; the tool of that name can ask.
+        let sent = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status();
+        assert!(sent.is_ok_and(|status| status.success()), "{} cannot be asked to leave", self.name);
+    }
+
+    /// Its child processes that still run, by their ids: the compute slots of a worker.
+    #[cfg(target_os = "linux")]
+    pub fn children(&self) -> Vec<u32> {
+        let all = fs::read_dir("/proc").expect("Linux shows its processes").flatten();
+        let ids = all.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+        ids.filter(|&id| parent(id).is_some_and(|parent| parent == self.child.id())).collect()
+    }
+
+    /// Waits until it has ended by itself, and tells its exit code.
+    pub fn exit_code(&mut self) -> Option<i32> {
+        let what = format!("the end of {}", self.name);
+        wait_for(&what, || self.ended()).code()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+        if std::thread::panicking() {
+            // The harness shows this beside the failure; log files go with their folder.
+            eprintln!("---- {} said:\n{}", self.name, tail(&self.said()));
+        }
+    }
+}
+
+/// Parent of a process; none once it has ended.
+#[cfg(target_os = "linux")]
+fn parent(id: u32) -> Option<u32> {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    // The name before these fields is in parentheses and may contain anything.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
+    let state = fields.next()?.chars().next()?;
+    let parent = fields.next()?.parse().ok()?;
+    // One which has ended may wait for someone to ask how.
+    (state != 'Z').then_some(parent)
+}
+
+/// Whether a process still runs.
+#[cfg(target_os = "linux")]
+pub fn runs(id: u32) -> bool {
+    parent(id).is_some()
+}
+
+/// Kills a process which is not a child of this one (SIGKILL).
+#[cfg(target_os = "linux")]
+pub fn kill(id: u32) {
+    let sent = Command::new("kill").args(["-KILL", &id.to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()), "process {id} cannot be killed");
+}
+
+/// The last lines of a log, enough to see what went wrong.
+fn tail(text: &str) -> String {
+    let lines: Vec<_> = text.lines().collect();
+    lines[lines.len().saturating_sub(40)..].join("\n")
+}

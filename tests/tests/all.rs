@@ -1,0 +1,23 @@
+//! All tests of whole processes, in one binary: it links once, and its tests
+//! share two cores better than several binaries one after the other.
+// A test which cannot go on panics, in its helpers too.
+#![allow(clippy::unwrap_used)]
+
+// Processes killed in mid-study: nothing lost, nothing twice, the same bytes.
+#[path = "all/crash.rs"]
+mod crash;
+// The life of a study over HTTP, from submission to answer.
+#[path = "all/life.rs"]
+mod life;
+// Everything a client can get wrong, and how it is told.
+#[path = "all/refusals.rs"]
+mod refusals;
+// The commands which talk to a coordinator.
+#[path = "all/remote.rs"]
+mod remote;
+// The commands which need none: `run` and `simulate`.
+#[path = "all/run.rs"]
+mod run;
+// Rules of the house, checked on the sources themselves.
+#[path = "all/tidy.rs"]
+mod tidy;
