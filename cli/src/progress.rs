@@ -50,21 +50,7 @@ pub fn glance(view: &StudyView) -> Glance {
     if view.state == StudyState::Paused {
         details.push("paused".into());
     }
-    Glance { stage: stage(state), done, total, detail: details.join(", ") }
-}
-
-/// A state in words.
-pub fn stage(state: StudyState) -> &'static str {
-    match state {
-        StudyState::Sampling => "sampling",
-        StudyState::Training => "training",
-        StudyState::Optimising => "optimising",
-        StudyState::Verifying => "verifying",
-        StudyState::Succeeded => "succeeded",
-        StudyState::Failed => "failed",
-        StudyState::Cancelled => "cancelled",
-        StudyState::Paused => "paused",
-    }
+    Glance { stage: state.name(), done, total, detail: details.join(", ") }
 }
 
 /// Seconds as a person says them.
@@ -165,13 +151,15 @@ mod tests {
     use manduca_protocol::view::{JobCounts, StageSeconds};
 
     fn view(state: StudyState) -> StudyView {
+        let mut spec = crate::study_file::load("quick").unwrap();
+        spec.sampling.samples = 300;
         StudyView {
             id: StudyId::new(),
             state,
             paused_from: None,
             failure: None,
             created_at: String::new(),
-            spec: crate::study_file::load("quick").unwrap(),
+            spec,
             samples: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
             stage_jobs: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
             progress: None,

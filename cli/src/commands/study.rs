@@ -11,7 +11,7 @@ use crate::args::{ListArgs, StudyCommand, SubmitArgs, TargetArgs};
 use crate::exit::{INTERRUPTED, refused};
 use crate::follow::{Followed, follow};
 use crate::output::{Output, note};
-use crate::progress::{glance, span, stage};
+use crate::progress::{glance, span};
 use crate::{render, signals, study_file};
 
 /// Does what was asked for.
@@ -40,7 +40,7 @@ pub async fn optimum(args: TargetArgs) -> Result<ExitCode> {
     if args.json {
         out.json(&result)?;
     } else if result.optimisations.iter().all(|o| o.parameters.is_none()) {
-        out.line(format_args!("no optimum yet: the study is {}", stage(result.state)))?;
+        out.line(format_args!("no optimum yet: the study is {}", result.state.name()))?;
     } else {
         render::study::result(&mut out, &result)?;
     }
@@ -88,7 +88,7 @@ async fn list(args: ListArgs) -> Result<ExitCode> {
         .iter()
         .map(|s| {
             let samples = format!("{}/{}", s.samples_succeeded, s.samples);
-            vec![s.id.to_string(), s.name.clone(), stage(s.state).to_owned(), samples, s.created_at.clone()]
+            vec![s.id.to_string(), s.name.clone(), s.state.name().to_owned(), samples, s.created_at.clone()]
         })
         .collect();
     out.table(&["study", "name", "state", "samples", "created"].map(String::from), &rows)?;
@@ -112,8 +112,8 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
     if !view.spec.description.is_empty() {
         out.line(&view.spec.description)?;
     }
-    let from = view.paused_from.map_or_else(String::new, |from| format!(" in {}", stage(from)));
-    out.line(format_args!("state     {}{from}", stage(view.state)))?;
+    let from = view.paused_from.map_or_else(String::new, |from| format!(" in {}", from.name()));
+    out.line(format_args!("state     {}{from}", view.state.name()))?;
     if let Some(failure) = &view.failure {
         out.line(format_args!("failure   {failure}"))?;
     }
@@ -168,7 +168,7 @@ async fn act(args: TargetArgs, action: &str) -> Result<ExitCode> {
     if args.json {
         out.json(&view)?
     } else {
-        out.line(format_args!("{id} is {}", stage(view.state)))?
+        out.line(format_args!("{id} is {}", view.state.name()))?
     }
     Ok(ExitCode::SUCCESS)
 }

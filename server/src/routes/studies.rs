@@ -16,7 +16,7 @@ use crate::error::ApiError;
 use crate::http::parts::{Id, Params};
 use crate::http::{cursor, etag};
 use crate::state::AppState;
-use crate::store::{open_jobs, study_state_name};
+use crate::store::open_jobs;
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(list)).routes(routes!(show))
@@ -52,7 +52,7 @@ async fn list(
         None => i64::MAX,
     };
     // One more than asked for tells whether there is a next page.
-    let mut rows = state.store().studies(params.state.map(study_state_name), before, limit + 1).await?;
+    let mut rows = state.store().studies(params.state.map(StudyState::name), before, limit + 1).await?;
     let more = rows.len() > limit as usize;
     rows.truncate(limit as usize);
     let next_cursor = rows.last().filter(|_| more).map(|(number, _)| cursor::encode(&number.to_string()));

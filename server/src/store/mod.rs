@@ -42,7 +42,7 @@ pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
-pub(crate) use names::{kind_of, role_name, state_name, study_state_name};
+pub(crate) use names::{kind_of, role_name, state_name};
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use recover::Recover;
 pub(crate) use submit::{Submit, Submitted};

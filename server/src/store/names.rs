@@ -121,17 +121,3 @@ pub(super) fn uuid(bytes: &[u8]) -> Result<Uuid, StoreError> {
 pub(super) fn unsigned<T: TryFrom<i64>>(value: i64) -> Result<T, StoreError> {
     T::try_from(value).map_err(|_| StoreError::Corrupt(format!("{value} is out of range")))
 }
-
-/// The name of a study's state.
-pub(crate) fn study_state_name(state: StudyState) -> &'static str {
-    match state {
-        StudyState::Sampling => "sampling",
-        StudyState::Training => "training",
-        StudyState::Optimising => "optimising",
-        StudyState::Verifying => "verifying",
-        StudyState::Succeeded => "succeeded",
-        StudyState::Failed => "failed",
-        StudyState::Cancelled => "cancelled",
-        StudyState::Paused => "paused",
-    }
-}
