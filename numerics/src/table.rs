@@ -133,7 +133,7 @@ macro_rules! table {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct $name {
-            $(#[doc = concat!($meaning, " [", $unit, "]")] pub $field: $type,)*
+            $(#[doc = concat!($meaning, "; unit: `", $unit, "`.")] pub $field: $type,)*
         }
 
         impl Default for $name {
