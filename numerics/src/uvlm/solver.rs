@@ -163,7 +163,7 @@ impl Solver {
         self.history[0].copy_from_slice(circulation.as_slice());
         self.vorticity.set_bound(circulation.as_slice());
         self.vorticity.assemble();
-        self.relative_flow(pose, dt);
+        self.relative_flow(pose);
         let rate = self.rate(dt);
         let flow = Flow { circulation: &self.history[0], rate: &rate, relative: &self.relative };
         let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
@@ -245,10 +245,8 @@ impl Solver {
     }
 
     /// Air relative to the bound segments: wake, image wing and its wake, less the wing's motion.
-    fn relative_flow(&mut self, pose: &Pose, dt: f64) {
-        let cores = self.cores;
-        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age * dt) };
-        self.vorticity.set_cores(radius, radius);
+    fn relative_flow(&mut self, pose: &Pose) {
+        // The cores are still those the wing sees: no node has moved since the wake's share was taken.
         let all = self.vorticity.all();
         self.image_velocity.clear();
         induce(&all, &self.image, &mut self.image_velocity);
