@@ -41,10 +41,36 @@ impl Body {
         Self { mass: WingMass::new(insect), tilt: (s, c), centre, elastic_storage: simulation.elastic_storage, air }
     }
 
+    /// Lift, drag and pitching moment about the centre of mass.
+    ///
+    /// F_fwd = T cos β + N sin β, L = N cos β - T sin β, D = -F_fwd; the moment
+    /// about the centre of mass is that about the hinge less r_cm x F.
+    fn to_earth(&self, tangential: f64, normal: f64, hinge_moment: f64) -> (f64, f64, f64) {
+        let (s, c) = self.tilt;
+        let (forward, lift) = (tangential * c + normal * s, normal * c - tangential * s);
+        let (x, z) = self.centre;
+        (lift, -forward, hinge_moment - (x * lift - z * forward))
+    }
+
     /// The air as the stroke plane's axes move through it.
     pub fn air(&self) -> Air {
         self.air
     }
+}
+
+/// One instant of a stroke, both wings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Snapshot {
+    /// Sweep, elevation, rotation.
+    pub angles: [Angle; 3],
+    /// Lift, up, N.
+    pub lift_n: f64,
+    /// Drag, rearward, N.
+    pub drag_n: f64,
+    /// Pitching moment about the centre of mass, nose up, N m.
+    pub moment_nm: f64,
+    /// Power at each joint; `required_w` is its positive part, less what a spring returns.
+    pub joints: [JointPower; 3],
 }
 
 /// Sums over the instants of one stroke, equally spaced.
@@ -68,42 +94,43 @@ impl<'a> Cycle<'a> {
     ///
     /// Torque of the muscles at joint j: τ_j = a_j·(dH/dt - M_air); power of a
     /// joint max(0, τ_j q_j'), less what a spring returns of the negative part.
-    pub fn add(&mut self, angles: &[Angle; 3], attitude: &Attitude, load: &WingLoad) {
-        self.instants += 1;
-        self.tangential += 2.0 * load.force.x;
-        self.normal += 2.0 * load.force.z;
+    pub fn add(&mut self, angles: &[Angle; 3], attitude: &Attitude, load: &WingLoad) -> Snapshot {
+        let (tangential, normal) = (2.0 * load.force.x, 2.0 * load.force.z);
         // Nose up turns x towards z: about -y.
-        self.hinge_moment -= 2.0 * load.moment.y;
+        let hinge_moment = -2.0 * load.moment.y;
+        self.instants += 1;
+        self.tangential += tangential;
+        self.normal += normal;
+        self.hinge_moment += hinge_moment;
         let momentum_rate = self.body.mass.momentum_rate(attitude);
-        for ((joint, axis), angle) in self.joints.iter_mut().zip(&attitude.joints).zip(angles) {
-            let aerodynamic = -2.0 * load.moment.dot(axis) * angle.rate;
-            let inertial = 2.0 * momentum_rate.dot(axis) * angle.rate;
-            let total = aerodynamic + inertial;
-            joint.aerodynamic_w += aerodynamic;
-            joint.inertial_w += inertial;
-            joint.required_w += total.max(0.0) + self.body.elastic_storage * total.min(0.0);
+        let mut joints = [JointPower::default(); 3];
+        for (i, (axis, angle)) in attitude.joints.iter().zip(angles).enumerate() {
+            let aerodynamic_w = -2.0 * load.moment.dot(axis) * angle.rate;
+            let inertial_w = 2.0 * momentum_rate.dot(axis) * angle.rate;
+            let total = aerodynamic_w + inertial_w;
+            let required_w = total.max(0.0) + self.body.elastic_storage * total.min(0.0);
+            joints[i] = JointPower { aerodynamic_w, inertial_w, required_w };
+            self.joints[i].aerodynamic_w += aerodynamic_w;
+            self.joints[i].inertial_w += inertial_w;
+            self.joints[i].required_w += required_w;
         }
+        let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
+        Snapshot { angles: *angles, lift_n: lift, drag_n: drag, moment_nm: moment, joints }
     }
 
     /// The stroke's means.
-    ///
-    /// F_fwd = T cos β + N sin β, L = N cos β - T sin β, D = -F_fwd; the moment
-    /// about the centre of mass is that about the hinge less r_cm x F.
     pub fn mean(&self) -> StrokeMean {
         let n = self.instants as f64;
         let (tangential, normal, hinge_moment) = (self.tangential / n, self.normal / n, self.hinge_moment / n);
-        let (s, c) = self.body.tilt;
-        let (forward, lift) = (tangential * c + normal * s, normal * c - tangential * s);
-        let (x, z) = self.body.centre;
+        let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
         let joints = self.joints.map(|j| JointPower {
             aerodynamic_w: j.aerodynamic_w / n,
             inertial_w: j.inertial_w / n,
             required_w: j.required_w / n,
         });
         let power = joints.iter().map(|j| j.required_w).sum();
-        let moment = hinge_moment - (x * lift - z * forward);
         StrokeMean {
-            outputs: [lift, -forward, moment, power],
+            outputs: [lift, drag, moment, power],
             tangential_n: tangential,
             normal_n: normal,
             hinge_moment_nm: hinge_moment,

@@ -3,7 +3,7 @@
 use crate::balance::{Body, Cycle};
 use crate::kinematics::{Attitude, Stroke, Vector};
 use crate::math::{atan2, sin, sin_cos};
-use crate::simulation::{Simulation, StrokeMean};
+use crate::simulation::{Moment, Simulation, StrokeMean};
 use crate::table::table;
 use crate::uvlm::{Air, WingLoad};
 use crate::wing::Outline;
@@ -33,7 +33,7 @@ struct Blade {
 /// C_L = C_T sin 2a, C_D = C_D0 cos²a + C_D90 sin²a, centre of pressure at
 /// (0.25 + 0.25·2|a|/π) c (Berman & Wang 2007, J. Fluid Mech. 582). At the
 /// hawkmoth's reference kinematics: 0.90 W, 83 mW.
-pub fn fly(simulation: &Simulation, settings: &Settings) -> StrokeMean {
+pub fn fly(simulation: &Simulation, settings: &Settings, watch: &mut dyn FnMut(&Moment)) -> StrokeMean {
     let insect = &simulation.insect;
     let stroke = Stroke::new(&simulation.parameters, simulation.elevation_phase);
     let body = Body::new(simulation, &stroke);
@@ -56,7 +56,9 @@ pub fn fly(simulation: &Simulation, settings: &Settings) -> StrokeMean {
             load.force += force;
             load.moment += (attitude.e_r * blade.r + attitude.e_c * s).cross(&force);
         }
-        cycle.add(&angles, &attitude, &load);
+        let snapshot = cycle.add(&angles, &attitude, &load);
+        let phase = step as f64 / settings.steps_per_stroke as f64;
+        watch(&Moment { stroke: 1, step, phase, snapshot });
     }
     cycle.mean()
 }

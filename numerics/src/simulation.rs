@@ -1,5 +1,6 @@
 //! One simulation: an insect, a stroke and a model in, the means out.
 
+use crate::balance::Snapshot;
 use crate::insect::Insect;
 use crate::kinematics::ElevationPhase;
 use crate::parameters::Point;
@@ -121,12 +122,37 @@ pub enum Infeasible {
     },
 }
 
+/// A step of a flight, shown to who watches it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// Number of the stroke, from 1.
+    pub stroke: usize,
+    /// Number of the step in its stroke, from 0.
+    pub step: usize,
+    /// Time since the stroke began, in strokes.
+    pub phase: f64,
+    /// Angles, loads and power.
+    pub snapshot: Snapshot,
+}
+
 /// Flies a simulation.
 ///
 /// # Errors
 /// [`Infeasible`] when the wings would collide or the lattice blows up: an answer,
 /// with its reason.
 pub fn simulate(simulation: &Simulation) -> Result<Means, Infeasible> {
+    simulate_watched(simulation, &mut |_, _| {})
+}
+
+/// Flies a simulation and shows every step with the vortex lattice as it then is
+/// (none for blade elements, whose strokes are all the same and flown once).
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_watched(
+    simulation: &Simulation,
+    watch: &mut dyn FnMut(&Moment, Option<&uvlm::Solver>),
+) -> Result<Means, Infeasible> {
     let clearance =
         crate::kinematics::clearance(&simulation.insect, simulation.elevation_phase, &simulation.parameters);
     if clearance < 0.0 {
@@ -134,12 +160,13 @@ pub fn simulate(simulation: &Simulation) -> Result<Means, Infeasible> {
     }
     match &simulation.model {
         Model::Uvlm(settings) => {
-            let strokes = uvlm::fly(simulation, settings)?;
+            let strokes = uvlm::fly(simulation, settings, watch)?;
             Ok(Means::over(strokes, settings.strokes_dropped, &simulation.insect))
         }
         // Blade elements have no memory: one stroke is every stroke.
         Model::QuasiSteady(settings) => {
-            Ok(Means::over(vec![quasi_steady::fly(simulation, settings)], 0, &simulation.insect))
+            let stroke = quasi_steady::fly(simulation, settings, &mut |moment| watch(moment, None));
+            Ok(Means::over(vec![stroke], 0, &simulation.insect))
         }
     }
 }

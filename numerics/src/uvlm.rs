@@ -17,3 +17,4 @@ pub use geometry::{Lattice, Planform, Pose};
 pub use loads::WingLoad;
 pub use settings::Settings;
 pub use solver::{Air, Cores, Solver, Suction};
+pub use wake::Rings;

@@ -3,7 +3,7 @@
 use crate::balance::{Body, Cycle};
 use crate::insect::Insect;
 use crate::kinematics::{Attitude, Stroke, Vector};
-use crate::simulation::{Infeasible, Simulation, StrokeMean};
+use crate::simulation::{Infeasible, Moment, Simulation, StrokeMean};
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
 use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
 
@@ -11,7 +11,11 @@ use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
 ///
 /// # Errors
 /// When the lattice blows up.
-pub fn fly(simulation: &Simulation, settings: &Settings) -> Result<Vec<StrokeMean>, Infeasible> {
+pub fn fly(
+    simulation: &Simulation,
+    settings: &Settings,
+    watch: &mut dyn FnMut(&Moment, Option<&Solver>),
+) -> Result<Vec<StrokeMean>, Infeasible> {
     let insect = &simulation.insect;
     let stroke = Stroke::new(&simulation.parameters, simulation.elevation_phase);
     let body = Body::new(simulation, &stroke);
@@ -24,7 +28,9 @@ pub fn fly(simulation: &Simulation, settings: &Settings) -> Result<Vec<StrokeMea
             let angles = stroke.angles(step as f64 / settings.steps_per_stroke as f64);
             let attitude = Attitude::new(&angles);
             let load = solver.step(&pose(insect, &attitude), dt).ok_or(Infeasible::BlowUp { stroke: number })?;
-            cycle.add(&angles, &attitude, &load);
+            let snapshot = cycle.add(&angles, &attitude, &load);
+            let phase = step as f64 / settings.steps_per_stroke as f64;
+            watch(&Moment { stroke: number, step, phase, snapshot }, Some(&solver));
         }
         means.push(cycle.mean());
     }

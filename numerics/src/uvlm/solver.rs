@@ -8,7 +8,7 @@ use crate::uvlm::influence::RingInfluence;
 use crate::uvlm::kernel::{Points, induce, interactions};
 use crate::uvlm::loads::{Flow, WingLoad, wing_load};
 use crate::uvlm::suction::SuctionFit;
-use crate::uvlm::wake::Vorticity;
+use crate::uvlm::wake::{Rings, Vorticity};
 
 /// The air and the motion of the axes through it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,6 +154,7 @@ impl Solver {
     /// has lost its numbers.
     pub fn step(&mut self, pose: &Pose, dt: f64) -> Option<WingLoad> {
         if self.steps > 0 {
+            self.convect(dt);
             self.vorticity.shed();
         }
         self.place(pose);
@@ -167,7 +168,6 @@ impl Solver {
         let rate = self.rate(dt);
         let flow = Flow { circulation: &self.history[0], rate: &rate, relative: &self.relative };
         let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
-        self.convect(dt);
         self.steps += 1;
         load.force.iter().chain(load.moment.iter()).all(|x| x.is_finite()).then_some(load)
     }
@@ -180,6 +180,11 @@ impl Solver {
     /// The lattice.
     pub fn lattice(&self) -> &Lattice {
         &self.lattice
+    }
+
+    /// The rings of wing and wake as they were when the last step's loads were taken.
+    pub fn rings(&self) -> Rings<'_> {
+        self.vorticity.rings()
     }
 
     /// Segment-on-point evaluations so far.

@@ -26,6 +26,20 @@ pub struct Vorticity {
     chordwise_core: Vec<f64>,
 }
 
+/// A grid of vortex rings, wing first, then wake from young to old; one wing's, the
+/// other's is its mirror image in y = 0.
+#[derive(Debug, Clone, Copy)]
+pub struct Rings<'a> {
+    /// Nodes in a row.
+    pub columns: usize,
+    /// Rows of nodes on the wing; the last is the line from which the wake springs.
+    pub bound_rows: usize,
+    /// Coordinates of the nodes row by row, stroke-plane axes (forward, outboard, up), m.
+    pub nodes: [&'a [f64]; 3],
+    /// Circulations row by row, `(rows - 1) x (columns - 1)`, m²/s.
+    pub circulation: &'a [f64],
+}
+
 /// Strength / 4π of a segment. One without length (all chordwise edges meet in a
 /// pointed tip) has no velocity, but its rounding errors would have one.
 pub(super) fn strength(circulation: f64, length2: f64) -> f64 {
@@ -78,6 +92,17 @@ impl Vorticity {
     /// A node.
     pub fn node(&self, i: usize) -> [f64; 3] {
         [self.nodes[0][i], self.nodes[1][i], self.nodes[2][i]]
+    }
+
+    /// Nodes and circulations.
+    pub fn rings(&self) -> Rings<'_> {
+        let [x, y, z] = [0, 1, 2].map(|i| &self.nodes[i][..self.rows * self.columns]);
+        Rings {
+            columns: self.columns,
+            bound_rows: self.bound_rows,
+            nodes: [x, y, z],
+            circulation: &self.circulation[..(self.rows - 1) * self.strips()],
+        }
     }
 
     /// Moves a node.
