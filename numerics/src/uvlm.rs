@@ -5,11 +5,14 @@ mod flapping;
 mod geometry;
 mod influence;
 pub mod kernel;
+mod level;
 mod loads;
 pub mod probe;
 mod settings;
+mod single;
 mod solver;
 mod suction;
+mod tail;
 mod wake;
 
 pub use flapping::fly;

@@ -76,7 +76,7 @@ fn plain_rate() -> f64 {
             std::hint::black_box(induce_plainly(&sheet, work.targets.get(i)));
         }
     });
-    ((sheet.spanwise.len() + sheet.chordwise.len()) * targets) as f64 / time * 1e-9
+    ((sheet.spanwise.strength.len() + sheet.chordwise.strength.len()) * targets) as f64 / time * 1e-9
 }
 
 fn peak() -> f64 {

@@ -63,7 +63,19 @@ fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> So
     };
     let suction = Suction { to_lift: settings.suction_to_lift, in_plane: settings.suction_in_plane };
     let rows = (settings.wake_strokes * settings.steps_per_stroke as f64).round().max(1.0) as usize;
-    Solver::new(Lattice::new(&planform, settings.chordwise_panels, &behind), air, cores, suction, rows)
+    let lattice = Lattice::new(&planform, settings.chordwise_panels, &behind);
+    let mut solver = Solver::new(lattice, air, cores, suction, rows);
+    let joined = (settings.wake_joined_after * settings.steps_per_stroke as f64).round() as usize;
+    if joined < rows {
+        solver = solver.joining_after(joined);
+    }
+    if settings.wake_tail > 0.0 {
+        solver = solver.with_tail(settings.steps_per_stroke, settings.wake_tail * c);
+    }
+    if settings.single_precision_wake == 1 {
+        solver = solver.single_precision_wake();
+    }
+    solver
 }
 
 /// Mean speed of the trailing edge at each station over a stroke, m/s.

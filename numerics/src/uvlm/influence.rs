@@ -1,53 +1,212 @@
 //! What each ring of unit circulation does to each collocation point.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-use crate::uvlm::kernel::{Points, Sheet, induce};
-use crate::uvlm::wake::strength;
+use crate::uvlm::kernel::{MAX_COLUMNS, Points, Seen, see_row, segment};
+use crate::uvlm::level::{Level, MOST_LANES, Real, Work, dispatch};
 
-/// Scratch of one ring, kept between steps.
+/// A matrix by columns, its rows padded to whole registers.
 #[derive(Debug, Clone, Default)]
-pub struct RingInfluence {
-    velocity: Points,
+pub struct Matrix {
+    rows: usize,
+    stride: usize,
+    columns: usize,
+    values: Vec<f64>,
 }
 
-impl RingInfluence {
-    /// Adds to `matrix[(i, j)]` the velocity that ring j of a wing lattice (unit
-    /// circulation) induces at target i, along `direction(i)`.
-    ///
-    /// `nodes` are the ring corners by component, `columns` to a row.
-    pub fn add(
-        &mut self,
-        matrix: &mut DMatrix<f64>,
-        nodes: [&[f64]; 3],
-        columns: usize,
-        core: f64,
-        targets: &Points,
-        direction: impl Fn(usize) -> [f64; 3],
-    ) {
-        self.velocity.resize(targets.len());
-        for ring in 0..matrix.ncols() {
-            let first = ring / (columns - 1) * columns + ring % (columns - 1);
-            let corners = [first, first + 1, first + columns, first + columns + 1];
-            let of = |c: &[f64]| corners.map(|i| c[i]);
-            let (x, y, z) = (of(nodes[0]), of(nodes[1]), of(nodes[2]));
-            let length2 = |a: usize, b: usize| (x[a] - x[b]).powi(2) + (y[a] - y[b]).powi(2) + (z[a] - z[b]).powi(2);
-            let (front, rear, inboard, outboard) = (length2(0, 1), length2(2, 3), length2(0, 2), length2(1, 3));
-            let core2 = core * core;
-            let sheet = Sheet {
-                columns: 2,
-                nodes: [&x, &y, &z],
-                spanwise: &[strength(-1.0, front), strength(1.0, rear)],
-                chordwise: &[strength(1.0, inboard), strength(-1.0, outboard)],
-                spanwise_core: &[front * core2, rear * core2],
-                chordwise_core: &[inboard * core2, outboard * core2],
-            };
-            self.velocity.clear();
-            induce(&sheet, targets, &mut self.velocity);
-            for i in 0..targets.len() {
-                let (v, d) = (self.velocity.get(i), direction(i));
-                matrix[(i, ring)] += v[0] * d[0] + v[1] * d[1] + v[2] * d[2];
+impl Matrix {
+    /// Zeros.
+    pub fn zeros(rows: usize, columns: usize) -> Self {
+        let stride = rows.next_multiple_of(MOST_LANES);
+        Self { rows, stride, columns, values: vec![0.0; stride * columns] }
+    }
+
+    /// Adds to the rows from `start` of a column.
+    #[inline(always)]
+    fn add<S: Level>(&mut self, simd: S, start: usize, column: usize, value: S::f64s) {
+        let place = &mut self.values[column * self.stride + start..];
+        f64::store(simd, place, simd.add_f64s(f64::load(simd, place), value));
+    }
+
+    fn from_dense(dense: &DMatrix<f64>) -> Self {
+        let mut matrix = Self::zeros(dense.nrows(), dense.ncols());
+        for (j, column) in dense.column_iter().enumerate() {
+            matrix.values[j * matrix.stride..][..matrix.rows].copy_from_slice(column.as_slice());
+        }
+        matrix
+    }
+
+    fn dense(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.rows, self.columns, |i, j| self.values[j * self.stride + i])
+    }
+
+    /// y = M x; `y` is padded like a column.
+    fn times(&self, x: &[f64], y: &mut [f64]) {
+        dispatch(Product { matrix: self, x, y });
+    }
+}
+
+struct Product<'a> {
+    matrix: &'a Matrix,
+    x: &'a [f64],
+    y: &'a mut [f64],
+}
+
+impl Work for Product<'_> {
+    #[inline(always)]
+    fn run<S: Level>(self, simd: S) {
+        let Self { matrix, x, y } = self;
+        for start in (0..matrix.stride).step_by(S::F64_LANES) {
+            let mut sum = simd.splat_f64s(0.0);
+            for (x, column) in x.iter().zip(matrix.values.chunks_exact(matrix.stride)) {
+                sum = simd.mul_add_f64s(f64::load(simd, &column[start..]), simd.splat_f64s(*x), sum);
+            }
+            f64::store(simd, &mut y[start..], sum);
+        }
+    }
+}
+
+/// Unit rings of a wing lattice on targets, along one direction. Every segment is
+/// evaluated once for the two rings which share it.
+pub struct RingInfluence<'a> {
+    /// Ring corners by component, row by row.
+    pub nodes: [&'a [f64]; 3],
+    /// Nodes in a row.
+    pub columns: usize,
+    /// Core radius of every segment, m.
+    pub core: f64,
+    /// Where the velocity is wanted.
+    pub targets: &'a Points,
+    /// Along which it is measured.
+    pub direction: [f64; 3],
+}
+
+impl RingInfluence<'_> {
+    /// `matrix[(i, j)]` becomes the velocity of ring j at target i along the direction.
+    pub fn fill(self, matrix: &mut Matrix) {
+        dispatch(Fill { rings: self, matrix });
+    }
+
+    /// Strength / 8π of a unit circulation, squared length and core of the segment
+    /// between two nodes; no strength without length.
+    #[inline(always)]
+    fn numbers(&self, a: usize, b: usize) -> (f64, f64, f64) {
+        let [x, y, z] = self.nodes;
+        let (x, y, z) = (x[a] - x[b], y[a] - y[b], z[a] - z[b]);
+        let length2 = x * x + y * y + z * z;
+        (super::wake::strength(1.0, length2), length2, length2 * self.core * self.core)
+    }
+}
+
+struct Fill<'a, 'b> {
+    rings: RingInfluence<'a>,
+    matrix: &'b mut Matrix,
+}
+
+impl Work for Fill<'_, '_> {
+    #[inline(always)]
+    fn run<S: Level>(self, simd: S) {
+        let Self { rings, matrix } = self;
+        let (columns, strips) = (rings.columns, rings.columns - 1);
+        let zero = simd.splat_f64s(0.0);
+        let nothing = Seen::<S, f64>::nowhere(simd);
+        let mut seen = [[nothing; MAX_COLUMNS]; 2];
+        let [x, y, z] = rings.direction;
+        let direction = [simd.splat_f64s(x), simd.splat_f64s(y), simd.splat_f64s(z)];
+        for start in (0..rings.targets.len()).step_by(S::F64_LANES) {
+            let target = rings.targets.load(simd, start);
+            let [above, row] = &mut seen;
+            let (mut above, mut row) = (&mut above[..columns], &mut row[..columns]);
+            for j in 0..rings.nodes[0].len() / columns {
+                see_row(simd, rings.nodes, j * columns, &target, row);
+                for k in 0..strips {
+                    // The rear of the ring ahead, the front of the ring behind.
+                    let numbers = rings.numbers(j * columns + k, j * columns + k + 1);
+                    let v = along(simd, &segment(simd, &row[k], &row[k + 1], numbers), &direction);
+                    if j > 0 {
+                        matrix.add(simd, start, (j - 1) * strips + k, v);
+                    }
+                    if (j + 1) * columns < rings.nodes[0].len() {
+                        let place = (j * strips + k) * matrix.stride + start;
+                        f64::store(simd, &mut matrix.values[place..], simd.sub_f64s(zero, v));
+                    }
+                }
+                for k in 0..if j > 0 { columns } else { 0 } {
+                    let numbers = rings.numbers((j - 1) * columns + k, j * columns + k);
+                    let v = along(simd, &segment(simd, &above[k], &row[k], numbers), &direction);
+                    if k > 0 {
+                        matrix.add(simd, start, (j - 1) * strips + k - 1, simd.sub_f64s(zero, v));
+                    }
+                    if k < strips {
+                        matrix.add(simd, start, (j - 1) * strips + k, v);
+                    }
+                }
+                std::mem::swap(&mut above, &mut row);
             }
         }
+    }
+}
+
+#[inline(always)]
+fn along<S: Level>(simd: S, segment: &super::kernel::Segment<S, f64>, direction: &[S::f64s; 3]) -> S::f64s {
+    let [x, y, z] = segment.cross;
+    let xy = simd.mul_add_f64s(y, direction[1], simd.mul_f64s(x, direction[0]));
+    let dot = simd.mul_add_f64s(z, direction[2], xy);
+    simd.mul_f64s(dot, simd.div_f64s(segment.num, segment.den))
+}
+
+/// Solves (own + image) Γ = b, where `own` never changes.
+///
+/// A rigid wing's influence on itself is inverted once; the image's is small next
+/// to it, so that Γ ← own⁻¹ (b - image Γ) converges in a few products. Where it
+/// does not (a wing which touches its image), the sum is factorised.
+#[derive(Debug, Clone)]
+pub struct Circulations {
+    own: Matrix,
+    inverse: Matrix,
+    /// The image's influence, to be filled before each solution.
+    pub image: Matrix,
+    rest: Vec<f64>,
+    next: Vec<f64>,
+}
+
+/// Largest change of a circulation, of the largest circulation, at which the iteration ends.
+const CONVERGED: f64 = 1e-13;
+/// Products after which the sum is factorised instead.
+const PATIENCE: usize = 40;
+
+impl Circulations {
+    /// From the wing's influence on itself. `None` when that is singular.
+    pub fn new(own: Matrix) -> Option<Self> {
+        let inverse = Matrix::from_dense(&own.dense().try_inverse()?);
+        let padded = vec![0.0; own.stride];
+        let image = Matrix::zeros(own.rows, own.columns);
+        Some(Self { own, inverse, image, rest: padded.clone(), next: padded })
+    }
+
+    /// Replaces a guess of Γ by the solution. `None` when there is none.
+    pub fn solve(&mut self, rhs: &[f64], guess: &mut [f64]) -> Option<()> {
+        for _ in 0..PATIENCE {
+            self.image.times(guess, &mut self.rest);
+            for (rest, b) in self.rest.iter_mut().zip(rhs) {
+                *rest = b - *rest;
+            }
+            self.inverse.times(&self.rest[..rhs.len()], &mut self.next);
+            let (mut change, mut size) = (0.0_f64, 0.0_f64);
+            for (old, new) in guess.iter_mut().zip(&self.next) {
+                change = change.max((*old - new).abs());
+                size = size.max(new.abs());
+                *old = *new;
+            }
+            if !size.is_finite() {
+                return None;
+            }
+            if change <= CONVERGED * size {
+                return Some(());
+            }
+        }
+        let solution = (self.own.dense() + self.image.dense()).lu().solve(&DVector::from_column_slice(rhs))?;
+        guess.copy_from_slice(solution.as_slice());
+        guess.iter().all(|g| g.is_finite()).then_some(())
     }
 }

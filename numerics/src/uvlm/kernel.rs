@@ -8,71 +8,23 @@
 //!
 //! Lanes are targets, so no sum crosses lanes and the order of every sum is that
 //! of the sheet's segments: the result has the same bits on every instruction
-//! level, whether eight lanes are one register, two, four or eight.
+//! level, whether a register holds one target or sixteen.
 
-/// Targets computed at once.
-const LANES: usize = 8;
+use crate::uvlm::level::{Level, MOST_LANES, Real, Work, dispatch};
 
-/// Eight numbers which LLVM keeps in vector registers.
-#[derive(Clone, Copy)]
-#[repr(align(64))]
-struct Lane([f64; LANES]);
-
-macro_rules! lanewise {
-    ($($name:ident($($arg:ident),*) = $body:expr;)*) => {
-        impl Lane {
-            $(#[inline(always)]
-            fn $name($($arg: Lane),*) -> Lane {
-                let mut out = [0.0; LANES];
-                for i in 0..LANES {
-                    $(let $arg = $arg.0[i];)*
-                    out[i] = $body;
-                }
-                Lane(out)
-            })*
-        }
-    };
-}
-
-lanewise! {
-    add(a, b) = a + b;
-    sub(a, b) = a - b;
-    mul(a, b) = a * b;
-    div(a, b) = a / b;
-    sqrt(a) = a.sqrt();
-    mul_add(a, b, c) = a.mul_add(b, c);
-    mul_sub(a, b, c) = a.mul_add(b, -c);
-}
-
-impl Lane {
-    const ZERO: Lane = Lane([0.0; LANES]);
-
-    #[inline(always)]
-    fn splat(x: f64) -> Lane {
-        Lane([x; LANES])
-    }
-
-    #[inline(always)]
-    fn load(from: &[f64]) -> Lane {
-        let mut out = [0.0; LANES];
-        out.copy_from_slice(&from[..LANES]);
-        Lane(out)
-    }
-}
-
-/// Points or vectors, one array per component, padded to whole vectors.
+/// Points or vectors, one array per component, padded to whole registers.
 #[derive(Debug, Clone, Default)]
-pub struct Points {
+pub struct Points<T = f64> {
     len: usize,
     /// Forward components.
-    pub x: Vec<f64>,
+    pub x: Vec<T>,
     /// Outboard components.
-    pub y: Vec<f64>,
+    pub y: Vec<T>,
     /// Upward components.
-    pub z: Vec<f64>,
+    pub z: Vec<T>,
 }
 
-impl Points {
+impl<T: Real> Points<T> {
     /// `len` points at the origin.
     pub fn zeros(len: usize) -> Self {
         let mut points = Self::default();
@@ -93,190 +45,250 @@ impl Points {
     /// Changes the number of points; new ones are at the origin.
     pub fn resize(&mut self, len: usize) {
         self.len = len;
-        let padded = len.next_multiple_of(LANES);
+        let padded = len.next_multiple_of(MOST_LANES);
         for component in [&mut self.x, &mut self.y, &mut self.z] {
-            component.resize(padded, 0.0);
+            component.resize(padded, T::default());
         }
     }
 
     /// Point `i`.
     #[inline]
     pub fn get(&self, i: usize) -> [f64; 3] {
-        [self.x[i], self.y[i], self.z[i]]
+        [self.x[i].double(), self.y[i].double(), self.z[i].double()]
     }
 
     /// Sets point `i`.
     #[inline]
     pub fn set(&mut self, i: usize, [x, y, z]: [f64; 3]) {
-        (self.x[i], self.y[i], self.z[i]) = (x, y, z);
+        (self.x[i], self.y[i], self.z[i]) = (T::of(x), T::of(y), T::of(z));
+    }
+
+    /// A register of points from point `start` on.
+    #[inline(always)]
+    pub(super) fn load<S: Level>(&self, simd: S, start: usize) -> [T::Lanes<S>; 3] {
+        [T::load(simd, &self.x[start..]), T::load(simd, &self.y[start..]), T::load(simd, &self.z[start..])]
+    }
+
+    /// Sets a register of points from point `start` on.
+    #[inline(always)]
+    pub(super) fn store<S: Level>(&mut self, simd: S, start: usize, [x, y, z]: [T::Lanes<S>; 3]) {
+        T::store(simd, &mut self.x[start..], x);
+        T::store(simd, &mut self.y[start..], y);
+        T::store(simd, &mut self.z[start..], z);
     }
 
     /// Sets every component to zero.
     pub fn clear(&mut self) {
         for component in [&mut self.x, &mut self.y, &mut self.z] {
-            component.fill(0.0);
+            component.fill(T::default());
         }
+    }
+}
+
+/// Numbers of a sheet's segments of one direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Segments<'a, T = f64> {
+    /// Circulation / 8π, m²/s.
+    pub strength: &'a [T],
+    /// Squared length r0², m².
+    pub length2: &'a [T],
+    /// (length x core radius)², m⁴.
+    pub core: &'a [T],
+}
+
+impl<'a, T> Segments<'a, T> {
+    #[inline(always)]
+    fn range(&self, range: std::ops::Range<usize>) -> Self {
+        Self { strength: &self.strength[range.clone()], length2: &self.length2[range.clone()], core: &self.core[range] }
     }
 }
 
 /// A grid of vortex segments: `rows x columns` nodes, row by row.
 #[derive(Debug, Clone, Copy)]
-pub struct Sheet<'a> {
+pub struct Sheet<'a, T = f64> {
     /// Nodes in a row.
     pub columns: usize,
     /// Node coordinates, `rows * columns` each.
-    pub nodes: [&'a [f64]; 3],
-    /// Strength / 4π of the segment from node (j, k) to (j, k+1), `rows * (columns - 1)`, m²/s.
-    pub spanwise: &'a [f64],
-    /// Strength / 4π of the segment from node (j, k) to (j+1, k), `(rows - 1) * columns`, m²/s.
-    pub chordwise: &'a [f64],
-    /// (segment length x core radius)² of the spanwise segments, m⁴.
-    pub spanwise_core: &'a [f64],
-    /// (segment length x core radius)² of the chordwise segments, m⁴.
-    pub chordwise_core: &'a [f64],
+    pub nodes: [&'a [T]; 3],
+    /// From node (j, k) to (j, k+1), `rows * (columns - 1)`.
+    pub spanwise: Segments<'a, T>,
+    /// From node (j, k) to (j+1, k), `(rows - 1) * columns`.
+    pub chordwise: Segments<'a, T>,
 }
 
 /// Largest number of nodes in a row.
 pub const MAX_COLUMNS: usize = 64;
 
-/// A node as seen from eight targets: offsets and distances.
-#[derive(Clone, Copy)]
-struct Seen {
-    x: Lane,
-    y: Lane,
-    z: Lane,
-    r: Lane,
+/// A node as seen from a register of targets: offsets and distance. Aligned, so
+/// that no load of a register crosses a cache line.
+#[repr(align(64))]
+pub(super) struct Seen<S: Level, T: Real> {
+    x: T::Lanes<S>,
+    y: T::Lanes<S>,
+    z: T::Lanes<S>,
+    r: T::Lanes<S>,
 }
 
-/// One segment before its division: velocity = `cross * strength * num / den`.
-struct Segment {
-    cross: [Lane; 3],
-    num: Lane,
-    den: Lane,
+impl<S: Level, T: Real> Clone for Seen<S, T> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
 }
 
-/// Segment from `a` to `b`, strength Γ/4π, `core` = (r0 rc)²:
+impl<S: Level, T: Real> Copy for Seen<S, T> {}
+
+impl<S: Level, T: Real> Seen<S, T> {
+    #[inline(always)]
+    pub(super) fn nowhere(simd: S) -> Self {
+        let zero = T::splat(simd, T::default());
+        Self { x: zero, y: zero, z: zero, r: zero }
+    }
+}
+
+#[inline(always)]
+fn see<S: Level, T: Real>(simd: S, node: [T; 3], target: &[T::Lanes<S>; 3]) -> Seen<S, T> {
+    let x = T::sub(simd, target[0], T::splat(simd, node[0]));
+    let y = T::sub(simd, target[1], T::splat(simd, node[1]));
+    let z = T::sub(simd, target[2], T::splat(simd, node[2]));
+    let zz = T::mul_add(simd, z, z, T::splat(simd, T::CLOSEST2));
+    let r = T::root(simd, T::mul_add(simd, x, x, T::mul_add(simd, y, y, zz)));
+    Seen { x, y, z, r }
+}
+
+/// One segment before its division: velocity = `cross * num / den`.
+pub(super) struct Segment<S: Level, T: Real> {
+    pub(super) cross: [T::Lanes<S>; 3],
+    pub(super) num: T::Lanes<S>,
+    pub(super) den: T::Lanes<S>,
+}
+
+/// Segment from `a` to `b`:
 ///
 /// V = Γ/4π (r1 + r2)(r1 r2 - r1·r2) / [r1 r2 (|r1 x r2|² + r0² rc²)] (r1 x r2)
 ///
-/// (Katz & Plotkin, Low-Speed Aerodynamics, Eq. 10.115 with a core.) On the
-/// segment itself and on its extension the velocity is zero.
+/// (Katz & Plotkin, Low-Speed Aerodynamics, Eq. 10.115 with a core), with
+/// q = r0² - (r1 - r2)² for 2(r1 r2 - r1·r2), so that |r1 x r2|² = q (r1 r2 - q/4).
+/// On the segment's extension the velocity is zero.
 #[inline(always)]
-fn segment(a: &Seen, b: &Seen, strength: f64, core: f64) -> Segment {
-    let cx = Lane::mul_sub(a.y, b.z, Lane::mul(a.z, b.y));
-    let cy = Lane::mul_sub(a.z, b.x, Lane::mul(a.x, b.z));
-    let cz = Lane::mul_sub(a.x, b.y, Lane::mul(a.y, b.x));
-    let cross2 = Lane::mul_add(cx, cx, Lane::mul_add(cy, cy, Lane::mul_add(cz, cz, Lane::splat(core))));
-    let dot = Lane::mul_add(a.x, b.x, Lane::mul_add(a.y, b.y, Lane::mul(a.z, b.z)));
-    let product = Lane::mul(a.r, b.r);
-    let sum = Lane::mul(Lane::add(a.r, b.r), Lane::splat(strength));
-    // The smallest of numbers keeps a node's own velocity 0 instead of 0/0.
-    let den = Lane::mul_add(product, cross2, Lane::splat(1e-60));
-    Segment { cross: [cx, cy, cz], num: Lane::mul(sum, Lane::sub(product, dot)), den }
+pub(super) fn segment<S: Level, T: Real>(
+    simd: S,
+    a: &Seen<S, T>,
+    b: &Seen<S, T>,
+    (strength, length2, core): (T, T, T),
+) -> Segment<S, T> {
+    let cx = T::sub_mul(simd, T::mul(simd, a.y, b.z), a.z, b.y);
+    let cy = T::sub_mul(simd, T::mul(simd, a.z, b.x), a.x, b.z);
+    let cz = T::sub_mul(simd, T::mul(simd, a.x, b.y), a.y, b.x);
+    let product = T::mul(simd, a.r, b.r);
+    let difference = T::sub(simd, a.r, b.r);
+    let q = T::sub_mul(simd, T::splat(simd, length2), difference, difference);
+    let share = T::sub_mul(simd, product, q, T::splat(simd, T::of(0.25)));
+    let cross2 = T::mul_add(simd, q, share, T::splat(simd, core));
+    let den = T::mul_add(simd, product, cross2, T::splat(simd, T::SMALLEST));
+    let sum = T::mul(simd, T::add(simd, a.r, b.r), T::splat(simd, strength));
+    Segment { cross: [cx, cy, cz], num: T::mul(simd, sum, q), den }
 }
 
 #[inline(always)]
-fn accumulate(velocity: &mut [Lane; 3], segment: &Segment, factor: Lane) {
-    for (v, c) in velocity.iter_mut().zip(&segment.cross) {
-        *v = Lane::mul_add(factor, *c, *v);
+fn accumulate<S: Level, T: Real>(
+    simd: S,
+    velocity: &mut [T::Lanes<S>; 3],
+    segment: &Segment<S, T>,
+    factor: T::Lanes<S>,
+) {
+    for (v, c) in velocity.iter_mut().zip(segment.cross) {
+        *v = T::mul_add(simd, factor, c, *v);
     }
 }
 
 /// Adds one segment.
 #[inline(always)]
-fn add_one(velocity: &mut [Lane; 3], s: &Segment) {
-    accumulate(velocity, s, Lane::div(s.num, s.den));
+fn add_one<S: Level, T: Real>(simd: S, velocity: &mut [T::Lanes<S>; 3], s: &Segment<S, T>) {
+    accumulate(simd, velocity, s, T::div(simd, s.num, s.den));
 }
 
-/// Adds two segments with one division between them, which costs as much as
-/// all the multiplications of a segment together.
+/// Adds two segments with one division between them.
 #[inline(always)]
-fn add_two(velocity: &mut [Lane; 3], s: &Segment, t: &Segment) {
-    let inverse = Lane::div(Lane::splat(1.0), Lane::mul(s.den, t.den));
-    accumulate(velocity, s, Lane::mul(Lane::mul(s.num, t.den), inverse));
-    accumulate(velocity, t, Lane::mul(Lane::mul(t.num, s.den), inverse));
+fn add_two<S: Level, T: Real>(simd: S, velocity: &mut [T::Lanes<S>; 3], s: &Segment<S, T>, t: &Segment<S, T>) {
+    let inverse = T::div(simd, T::splat(simd, T::of(1.0)), T::mul(simd, s.den, t.den));
+    accumulate(simd, velocity, s, T::mul(simd, T::mul(simd, s.num, t.den), inverse));
+    accumulate(simd, velocity, t, T::mul(simd, T::mul(simd, t.num, s.den), inverse));
 }
 
-/// One row of nodes with the segments along it and those from the row above.
-struct Row<'a> {
-    x: &'a [f64],
-    y: &'a [f64],
-    z: &'a [f64],
-    /// Strengths and cores of the segments along the row.
-    along: (&'a [f64], &'a [f64]),
-    /// Strengths and cores of the segments from the row above; none above the first.
-    above: (&'a [f64], &'a [f64]),
+#[inline(always)]
+fn numbers<T: Real>(segments: &Segments<'_, T>) -> impl Iterator<Item = (T, T, T)> {
+    segments.strength.iter().zip(segments.length2).zip(segments.core).map(|((s, l), c)| (*s, *l, *c))
 }
 
-impl<'a> Row<'a> {
-    #[inline(always)]
-    fn of(sheet: &Sheet<'a>, j: usize) -> Self {
-        let (columns, strips) = (sheet.columns, sheet.columns - 1);
-        let (nodes, along) = (j * columns..(j + 1) * columns, j * strips..(j + 1) * strips);
-        let above = if j > 0 { (j - 1) * columns..j * columns } else { 0..0 };
-        Self {
-            x: &sheet.nodes[0][nodes.clone()],
-            y: &sheet.nodes[1][nodes.clone()],
-            z: &sheet.nodes[2][nodes],
-            along: (&sheet.spanwise[along.clone()], &sheet.spanwise_core[along]),
-            above: (&sheet.chordwise[above.clone()], &sheet.chordwise_core[above]),
-        }
-    }
-
-    #[inline(always)]
-    fn see(&self, k: usize, target: &[Lane; 3]) -> Seen {
-        let x = Lane::sub(target[0], Lane::splat(self.x[k]));
-        let y = Lane::sub(target[1], Lane::splat(self.y[k]));
-        let z = Lane::sub(target[2], Lane::splat(self.z[k]));
-        let r = Lane::sqrt(Lane::mul_add(x, x, Lane::mul_add(y, y, Lane::mul(z, z))));
-        Seen { x, y, z, r }
+/// All distances of a row first, then its segments: two short chains of
+/// operations keep the processor busier than one long one.
+#[inline(always)]
+pub(super) fn see_row<S: Level, T: Real>(
+    simd: S,
+    nodes: [&[T]; 3],
+    first: usize,
+    target: &[T::Lanes<S>; 3],
+    seen: &mut [Seen<S, T>],
+) {
+    let [x, y, z] = nodes.map(|c| &c[first..first + seen.len()]);
+    for (((x, y), z), place) in x.iter().zip(y).zip(z).zip(seen) {
+        *place = see(simd, [*x, *y, *z], target);
     }
 }
 
-/// Velocity at eight targets. `seen` carries a row's nodes to the next row.
+/// Adds the velocity at a register of targets. `seen` holds two rows of nodes.
 #[inline(always)]
-fn induce_block(sheet: &Sheet<'_>, target: &[Lane; 3], seen: &mut [Seen; MAX_COLUMNS]) -> [Lane; 3] {
-    let columns = sheet.columns;
-    let seen = &mut seen[..columns];
-    let mut velocity = [Lane::ZERO; 3];
-    let first = Row::of(sheet, 0);
-    let mut inboard = first.see(0, target);
-    seen[0] = inboard;
-    for (k, place) in seen.iter_mut().enumerate().skip(1) {
-        let node = first.see(k, target);
-        add_one(&mut velocity, &segment(&inboard, &node, first.along.0[k - 1], first.along.1[k - 1]));
-        *place = node;
-        inboard = node;
+fn induce_block<S: Level, T: Real>(
+    simd: S,
+    sheet: &Sheet<'_, T>,
+    target: &[T::Lanes<S>; 3],
+    mut velocity: [T::Lanes<S>; 3],
+    seen: &mut [[Seen<S, T>; MAX_COLUMNS]; 2],
+) -> [T::Lanes<S>; 3] {
+    let (columns, strips) = (sheet.columns, sheet.columns - 1);
+    let [above, row] = seen;
+    let (mut above, mut row) = (&mut above[..columns], &mut row[..columns]);
+    see_row(simd, sheet.nodes, 0, target, above);
+    let first = sheet.spanwise.range(0..strips);
+    for ((a, b), along) in above.iter().zip(&above[1..]).zip(numbers(&first)) {
+        add_one(simd, &mut velocity, &segment(simd, a, b, along));
     }
     for j in 1..sheet.nodes[0].len() / columns {
-        let row = Row::of(sheet, j);
-        let mut inboard = row.see(0, target);
-        add_one(&mut velocity, &segment(&seen[0], &inboard, row.above.0[0], row.above.1[0]));
-        seen[0] = inboard;
-        for (k, place) in seen.iter_mut().enumerate().skip(1) {
-            let node = row.see(k, target);
-            let along = segment(&inboard, &node, row.along.0[k - 1], row.along.1[k - 1]);
-            let above = segment(place, &node, row.above.0[k], row.above.1[k]);
-            add_two(&mut velocity, &along, &above);
-            *place = node;
-            inboard = node;
+        see_row(simd, sheet.nodes, j * columns, target, row);
+        let along = sheet.spanwise.range(j * strips..(j + 1) * strips);
+        let down = sheet.chordwise.range((j - 1) * columns..j * columns);
+        let root = (down.strength[0], down.length2[0], down.core[0]);
+        add_one(simd, &mut velocity, &segment(simd, &above[0], &row[0], root));
+        let down = down.range(1..columns);
+        let mut inboard = row[0];
+        for (((node, over), along), down) in row[1..].iter().zip(&above[1..]).zip(numbers(&along)).zip(numbers(&down)) {
+            let s = segment(simd, &inboard, node, along);
+            let t = segment(simd, over, node, down);
+            add_two(simd, &mut velocity, &s, &t);
+            inboard = *node;
         }
+        std::mem::swap(&mut above, &mut row);
     }
     velocity
 }
 
-#[inline(always)]
-fn induce_all(sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
-    let nothing = Seen { x: Lane::ZERO, y: Lane::ZERO, z: Lane::ZERO, r: Lane::ZERO };
-    let mut seen = [nothing; MAX_COLUMNS];
-    for start in (0..targets.len()).step_by(LANES) {
-        let target =
-            [Lane::load(&targets.x[start..]), Lane::load(&targets.y[start..]), Lane::load(&targets.z[start..])];
-        let v = induce_block(sheet, &target, &mut seen);
-        for (component, v) in [&mut velocity.x, &mut velocity.y, &mut velocity.z].into_iter().zip(v) {
-            for (sum, v) in component[start..start + LANES].iter_mut().zip(v.0) {
-                *sum += v;
-            }
+/// The arguments of [`induce`] as work for a level.
+struct Induce<'a, 'b, T> {
+    sheet: &'a Sheet<'b, T>,
+    targets: &'a Points<T>,
+    velocity: &'a mut Points<T>,
+}
+
+impl<T: Real> Work for Induce<'_, '_, T> {
+    #[inline(always)]
+    fn run<S: Level>(self, simd: S) {
+        let Self { sheet, targets, velocity } = self;
+        let mut seen = [[Seen::<S, T>::nowhere(simd); MAX_COLUMNS]; 2];
+        for start in (0..targets.len()).step_by(T::lanes::<S>()) {
+            let target = targets.load(simd, start);
+            let v = induce_block(simd, sheet, &target, velocity.load(simd, start), &mut seen);
+            velocity.store(simd, start, v);
         }
     }
 }
@@ -289,31 +301,14 @@ fn induce_all(sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
 /// # Panics
 /// When the sheet's arrays do not fit its number of columns, or `velocity` is
 /// shorter than `targets`; both are the solver's own.
-pub fn induce(sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
+pub fn induce<T: Real>(sheet: &Sheet<'_, T>, targets: &Points<T>, velocity: &mut Points<T>) {
     assert!((2..=MAX_COLUMNS).contains(&sheet.columns) && velocity.len() >= targets.len());
-    pulp::Arch::new().dispatch(Induce { sheet, targets, velocity });
-}
-
-/// The call of [`induce_all`] as a type, so that it is inlined into the function
-/// compiled for the instruction level found at run time.
-struct Induce<'a, 'b> {
-    sheet: &'a Sheet<'b>,
-    targets: &'a Points,
-    velocity: &'a mut Points,
-}
-
-impl pulp::NullaryFnOnce for Induce<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        induce_all(self.sheet, self.targets, self.velocity);
-    }
+    dispatch(Induce { sheet, targets, velocity });
 }
 
 /// How many segment-target pairs a call of [`induce`] evaluates.
-pub fn interactions(sheet: &Sheet<'_>, targets: &Points) -> u64 {
-    ((sheet.spanwise.len() + sheet.chordwise.len()) * targets.len()) as u64
+pub fn interactions<T: Real>(sheet: &Sheet<'_, T>, targets: &Points<T>) -> u64 {
+    ((sheet.spanwise.strength.len() + sheet.chordwise.strength.len()) * targets.len()) as u64
 }
 
 #[cfg(test)]
@@ -324,15 +319,13 @@ mod tests {
     fn square_ring_and_its_mirror() {
         let a = 0.3;
         let (x, y, z) = ([0.0, 0.0, a, a], [0.0, a, 0.0, a], [0.0; 4]);
-        let g = 1.0 / (4.0 * std::f64::consts::PI);
+        let g = 1.0 / (8.0 * std::f64::consts::PI);
         // Counter-clockwise seen from above: down the left side, ...
         let sheet = Sheet {
             columns: 2,
             nodes: [&x, &y, &z],
-            spanwise: &[-g, g],
-            chordwise: &[g, -g],
-            spanwise_core: &[0.0; 2],
-            chordwise_core: &[0.0; 2],
+            spanwise: Segments { strength: &[-g, g], length2: &[a * a; 2], core: &[1e-30; 2] },
+            chordwise: Segments { strength: &[g, -g], length2: &[a * a; 2], core: &[1e-30; 2] },
         };
         let mut targets = Points::zeros(3);
         targets.set(0, [a / 2.0, a / 2.0, 0.0]);

@@ -1,6 +1,6 @@
 //! Work of known size, to measure a machine by. Nothing here keeps time.
 
-use crate::uvlm::kernel::{Points, Sheet};
+use crate::uvlm::kernel::{Points, Segments, Sheet};
 
 /// Independent chains of multiply-adds: enough to hide their latency.
 const CHAINS: usize = 12;
@@ -42,6 +42,8 @@ pub struct Workload {
     columns: usize,
     nodes: [Vec<f64>; 3],
     strengths: Vec<f64>,
+    /// Squared lengths of spanwise and chordwise segments.
+    lengths2: [Vec<f64>; 2],
     cores: Vec<f64>,
     /// The targets: the nodes themselves.
     pub targets: Points,
@@ -56,7 +58,17 @@ impl Workload {
         let nodes = [folded(0.618_033_988_7), folded(0.414_213_562_4), folded(0.732_050_807_6)];
         let mut targets = Points::zeros(count);
         (0..count).for_each(|i| targets.set(i, [0, 1, 2].map(|c: usize| nodes[c][i])));
-        Self { columns, nodes, strengths: vec![0.01; count], cores: vec![1e-4; count], targets }
+        let length2 = |a: usize, b: usize| nodes.iter().map(|c| (c[a] - c[b]).powi(2)).sum::<f64>();
+        let across = (0..rows * (columns - 1)).map(|i| i / (columns - 1) * columns + i % (columns - 1));
+        let lengths2 = [
+            across.map(|first| length2(first, first + 1)).collect(),
+            (0..(rows - 1) * columns).map(|first| length2(first, first + columns)).collect(),
+        ];
+        Self { columns, lengths2, strengths: vec![0.01; count], cores: vec![1e-4; count], nodes, targets }
+    }
+
+    fn segments(&self, direction: usize, count: usize) -> Segments<'_> {
+        Segments { strength: &self.strengths[..count], length2: &self.lengths2[direction], core: &self.cores[..count] }
     }
 
     /// The sheet.
@@ -66,10 +78,8 @@ impl Workload {
         Sheet {
             columns: self.columns,
             nodes: [&self.nodes[0], &self.nodes[1], &self.nodes[2]],
-            spanwise: &self.strengths[..across],
-            chordwise: &self.strengths[..along],
-            spanwise_core: &self.cores[..across],
-            chordwise_core: &self.cores[..along],
+            spanwise: self.segments(0, across),
+            chordwise: self.segments(1, along),
         }
     }
 }
@@ -88,16 +98,16 @@ pub fn induce_plainly(sheet: &Sheet<'_>, target: [f64; 3]) -> [f64; 3] {
         let product = ra * rb;
         let den = product * (dot(cross, cross) + core);
         if den > 0.0 {
-            let factor = strength * (ra + rb) * (product - dot(a, b)) / den;
+            let factor = 2.0 * strength * (ra + rb) * (product - dot(a, b)) / den;
             velocity.iter_mut().zip(cross).for_each(|(v, c)| *v += factor * c);
         }
     };
-    for (i, strength) in sheet.spanwise.iter().enumerate() {
+    for (i, strength) in sheet.spanwise.strength.iter().enumerate() {
         let first = i / (columns - 1) * columns + i % (columns - 1);
-        add(first, first + 1, *strength, sheet.spanwise_core[i]);
+        add(first, first + 1, *strength, sheet.spanwise.core[i]);
     }
-    for (i, strength) in sheet.chordwise.iter().enumerate() {
-        add(i, i + columns, *strength, sheet.chordwise_core[i]);
+    for (i, strength) in sheet.chordwise.strength.iter().enumerate() {
+        add(i, i + columns, *strength, sheet.chordwise.core[i]);
     }
     velocity
 }

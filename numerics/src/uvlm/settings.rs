@@ -13,6 +13,9 @@ table! {
         strokes: usize = 8, 1..=200, "", "strokes flown, from rest";
         strokes_dropped: usize = 2, 0..=100, "", "first strokes left out of the means (the wake builds up)";
         wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered";
+        wake_joined_after: f64 = 20.0, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
+        wake_tail: f64 = 0.0, 0.0..=4.0, "c", "radius of the sinks which stand for forgotten wake; 0 leaves them out";
+        single_precision_wake: usize = 0, 0..=1, "", "1: velocities of the wake's nodes in single precision";
         first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge, in mean edge displacements per step";
         bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
         bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";

@@ -1,13 +1,13 @@
 //! Time stepping of one wing, its mirror image and their wake.
 
-use nalgebra::{DMatrix, DVector};
-
 use crate::kinematics::Vector;
 use crate::uvlm::geometry::{Lattice, Pose};
-use crate::uvlm::influence::RingInfluence;
+use crate::uvlm::influence::{Circulations, Matrix, RingInfluence};
 use crate::uvlm::kernel::{Points, induce, interactions};
 use crate::uvlm::loads::{Flow, WingLoad, wing_load};
+use crate::uvlm::single::SingleWake;
 use crate::uvlm::suction::SuctionFit;
+use crate::uvlm::tail::Tail;
 use crate::uvlm::wake::{Rings, Vorticity};
 
 /// The air and the motion of the axes through it.
@@ -90,20 +90,29 @@ pub struct Solver {
     cores: Cores,
     suction: Suction,
     fit: SuctionFit,
-    /// Influence of the wing on itself, along its normal: constant, the wing is rigid.
-    own: DMatrix<f64>,
     vorticity: Vorticity,
+    /// Age in steps at which wake is forgotten.
+    kept: usize,
+    /// Age in steps from which every other row of wake is joined to its neighbour.
+    joined_after: Option<usize>,
+    tail: Option<Tail>,
+    single: bool,
+    circulations: Circulations,
+    rhs: Vec<f64>,
     /// Circulations of this step and the two before, newest first.
     history: [Vec<f64>; 3],
+    rate: Vec<f64>,
     steps: usize,
-    ring: RingInfluence,
     /// Collocation points, their mirror images, then the bound segments' middles.
     near: Points,
     near_velocity: Points,
+    /// Mirror images of the collocation points alone, then of the bound segments' middles.
+    images: Points,
     image: Points,
     image_velocity: Points,
     wake_targets: Points,
     wake_velocity: Points,
+    single_wake: SingleWake,
     relative: Vec<Vector>,
     interactions: u64,
 }
@@ -113,40 +122,79 @@ fn mirrored(p: [f64; 3]) -> [f64; 3] {
     [p[0], -p[1], p[2]]
 }
 
+/// Influence of a rigid lattice on itself, towards its lifting side.
+fn own_influence(lattice: &Lattice, core: f64) -> Matrix {
+    let count = lattice.panels.len();
+    let mut own = Matrix::zeros(count, count);
+    let mut targets = Points::zeros(count);
+    for (i, panel) in lattice.panels.iter().enumerate() {
+        targets.set(i, [panel.collocation.x, panel.collocation.y, 0.0]);
+    }
+    let component = |f: &dyn Fn(usize) -> f64| (0..lattice.nodes.len()).map(f).collect::<Vec<_>>();
+    let (r, s, n) = (component(&|i| lattice.nodes[i].x), component(&|i| lattice.nodes[i].y), component(&|_| 0.0));
+    // In (e_r, e_c, e_n) axes the lifting side is -e_n.
+    let direction = [0.0, 0.0, -1.0];
+    RingInfluence { nodes: [&r, &s, &n], columns: lattice.columns(), core, targets: &targets, direction }
+        .fill(&mut own);
+    own
+}
+
 impl Solver {
-    /// A wing at rest in air at rest, with room for `wake_rows` rows of wake.
-    pub fn new(lattice: Lattice, air: Air, cores: Cores, suction: Suction, wake_rows: usize) -> Self {
+    /// A wing at rest in air at rest, which remembers `kept` steps of wake.
+    ///
+    /// # Panics
+    /// When the lattice's influence on itself is singular: strips without width.
+    pub fn new(lattice: Lattice, air: Air, cores: Cores, suction: Suction, kept: usize) -> Self {
         let count = lattice.panels.len();
-        let mut own = DMatrix::zeros(count, count);
-        let mut collocation = Points::zeros(count);
-        for (i, panel) in lattice.panels.iter().enumerate() {
-            collocation.set(i, [panel.collocation.x, panel.collocation.y, 0.0]);
-        }
-        let component = |f: &dyn Fn(usize) -> f64| (0..lattice.nodes.len()).map(f).collect::<Vec<_>>();
-        let (r, s, n) = (component(&|i| lattice.nodes[i].x), component(&|i| lattice.nodes[i].y), component(&|_| 0.0));
-        let mut ring = RingInfluence::default();
-        // In (e_r, e_c, e_n) axes the lifting side is -e_n.
-        ring.add(&mut own, [&r, &s, &n], lattice.columns(), cores.bound, &collocation, |_| [0.0, 0.0, -1.0]);
+        let rows = kept.max(1) + 1;
+        let circulations = Circulations::new(own_influence(&lattice, cores.bound)).expect("a lattice of real panels");
+        let targets = 2 * (rows + 1) * lattice.columns();
         Self {
-            vorticity: Vorticity::new(lattice.columns(), lattice.chordwise + 1, wake_rows.max(1)),
+            vorticity: Vorticity::new(lattice.columns(), lattice.chordwise + 1, rows),
+            kept: kept.max(1),
+            joined_after: None,
+            tail: None,
+            single: false,
             fit: SuctionFit::new(lattice.chordwise),
+            circulations,
+            rhs: vec![0.0; count],
             history: [vec![0.0; count], vec![0.0; count], vec![0.0; count]],
+            rate: vec![0.0; count],
             steps: 0,
             near: Points::zeros(3 * count),
             near_velocity: Points::zeros(3 * count),
+            images: Points::zeros(count),
             image: Points::zeros(count),
             image_velocity: Points::zeros(count),
-            wake_targets: Points::default(),
-            wake_velocity: Points::default(),
+            wake_targets: Points::zeros(targets),
+            wake_velocity: Points::zeros(targets),
+            single_wake: SingleWake::default(),
             relative: vec![Vector::zeros(); count],
             interactions: 0,
             lattice,
             air,
             cores,
             suction,
-            own,
-            ring,
         }
+    }
+
+    /// Joins every other row of wake older than `age` steps to its neighbour.
+    pub fn joining_after(mut self, age: usize) -> Self {
+        self.joined_after = Some(age.max(2));
+        self
+    }
+
+    /// Continues the wake beyond the one remembered by sinks, for strokes of
+    /// `period` steps, spread over `radius`, m.
+    pub fn with_tail(mut self, period: usize, radius: f64) -> Self {
+        self.tail = Some(Tail::new(period, radius));
+        self
+    }
+
+    /// Computes the velocity of the wake's nodes in single precision.
+    pub fn single_precision_wake(mut self) -> Self {
+        self.single = true;
+        self
     }
 
     /// One time step: the wing at `pose`, `dt` after the step before. Returns the
@@ -154,19 +202,19 @@ impl Solver {
     /// has lost its numbers.
     pub fn step(&mut self, pose: &Pose, dt: f64) -> Option<WingLoad> {
         if self.steps > 0 {
+            self.forget();
             self.convect(dt);
-            self.vorticity.shed();
+            self.vorticity.shed(self.steps - 1);
+            self.join();
         }
         self.place(pose);
         self.wake_on_wing(dt);
-        let circulation = self.solve(pose)?;
-        self.history.rotate_right(1);
-        self.history[0].copy_from_slice(circulation.as_slice());
-        self.vorticity.set_bound(circulation.as_slice());
+        self.solve(pose)?;
+        self.vorticity.set_bound(&self.history[0]);
         self.vorticity.assemble();
         self.relative_flow(pose);
-        let rate = self.rate(dt);
-        let flow = Flow { circulation: &self.history[0], rate: &rate, relative: &self.relative };
+        self.differentiate(dt);
+        let flow = Flow { circulation: &self.history[0], rate: &self.rate, relative: &self.relative };
         let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
         self.steps += 1;
         load.force.iter().chain(load.moment.iter()).all(|x| x.is_finite()).then_some(load)
@@ -192,6 +240,31 @@ impl Solver {
         self.interactions
     }
 
+    /// Forgets the row of wake which would grow too old in this step.
+    fn forget(&mut self) {
+        let now = self.steps - 1;
+        // One step older by the time the row would be seen again.
+        if let Some(tail) = &mut self.tail {
+            tail.watch(&self.vorticity, now, self.kept - 1);
+        }
+        let last = self.vorticity.rows() - 1;
+        if last > self.vorticity.edge_row() && now - self.vorticity.born(last) >= self.kept {
+            self.vorticity.forget();
+        }
+    }
+
+    /// Joins the rings on either side of a row which has come of age.
+    fn join(&mut self) {
+        let Some(age) = self.joined_after else { return };
+        let old = |row: &usize| {
+            let born = self.vorticity.born(*row);
+            self.steps - born >= age && born % 2 == 1
+        };
+        if let Some(row) = (self.vorticity.edge_row() + 2..self.vorticity.rows() - 1).find(old) {
+            self.vorticity.join(row);
+        }
+    }
+
     /// Puts the wing's nodes and the points where it is looked at in space.
     fn place(&mut self, pose: &Pose) {
         let count = self.lattice.panels.len();
@@ -203,21 +276,25 @@ impl Solver {
             self.near.set(i, collocation);
             self.near.set(count + i, mirrored(collocation));
             self.near.set(2 * count + i, bound);
+            self.images.set(i, mirrored(collocation));
             self.image.set(i, mirrored(bound));
         }
     }
 
     /// Velocity of the wake alone at collocation points, their images and bound segments.
     fn wake_on_wing(&mut self, dt: f64) {
-        self.vorticity.set_bound(&vec![0.0; self.lattice.panels.len()]);
+        self.vorticity.clear_bound();
         self.vorticity.assemble();
         let cores = self.cores;
         let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age * dt) };
-        self.vorticity.set_cores(radius, radius);
+        self.vorticity.set_cores(self.steps, radius);
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {
             induce(&wake, &self.near, &mut self.near_velocity);
             self.interactions += interactions(&wake, &self.near);
+        }
+        if let Some(tail) = &self.tail {
+            tail.induce(&self.near, &mut self.near_velocity);
         }
     }
 
@@ -226,27 +303,30 @@ impl Solver {
         pose.velocity_of(p) + self.air.carried(&pose.place(p))
     }
 
-    /// No flow through the wing at the collocation points.
-    fn solve(&mut self, pose: &Pose) -> Option<DVector<f64>> {
+    /// No flow through the wing at the collocation points. The new circulations are
+    /// the newest in the history; those of the step before are their first guess.
+    fn solve(&mut self, pose: &Pose) -> Option<()> {
         let count = self.lattice.panels.len();
         let normal = pose.normal();
-        let mut matrix = self.own.clone();
-        let mut images = Points::zeros(count);
         for i in 0..count {
-            images.set(i, self.near.get(count + i));
-        }
-        let wing = self.vorticity.wing();
-        // The image wing's velocity at P is the mirror image of this wing's at P's image.
-        let direction = mirrored(normal.into());
-        self.ring.add(&mut matrix, wing.nodes, wing.columns, self.cores.bound, &images, |_| direction);
-        self.interactions += 4 * (count * count) as u64;
-        let rhs = DVector::from_fn(count, |i, _| {
             let wake =
                 Vector::from(self.near_velocity.get(i)) + Vector::from(mirrored(self.near_velocity.get(count + i)));
-            (self.through_air(pose, &self.lattice.panels[i].collocation) - wake).dot(&normal)
-        });
-        let circulation = matrix.lu().solve(&rhs)?;
-        circulation.iter().all(|g| g.is_finite()).then_some(circulation)
+            self.rhs[i] = (self.through_air(pose, &self.lattice.panels[i].collocation) - wake).dot(&normal);
+        }
+        // The image wing's velocity at P is the mirror image of this wing's at P's image.
+        let image = RingInfluence {
+            nodes: self.vorticity.wing_nodes(),
+            columns: self.lattice.columns(),
+            core: self.cores.bound,
+            targets: &self.images,
+            direction: mirrored(normal.into()),
+        };
+        image.fill(&mut self.circulations.image);
+        self.interactions += (count * (2 * count + self.lattice.chordwise + self.lattice.strips)) as u64;
+        self.history.rotate_right(1);
+        let [now, before, _] = &mut self.history;
+        now.copy_from_slice(before);
+        self.circulations.solve(&self.rhs, now)
     }
 
     /// Air relative to the bound segments: wake, image wing and its wake, less the wing's motion.
@@ -256,6 +336,9 @@ impl Solver {
         self.image_velocity.clear();
         induce(&all, &self.image, &mut self.image_velocity);
         self.interactions += interactions(&all, &self.image);
+        if let Some(tail) = &self.tail {
+            tail.induce(&self.image, &mut self.image_velocity);
+        }
         let count = self.lattice.panels.len();
         for i in 0..count {
             let induced = Vector::from(self.near_velocity.get(2 * count + i))
@@ -265,15 +348,15 @@ impl Solver {
     }
 
     /// dΓ/dt by backward differences, second order once there are two steps behind.
-    fn rate(&self, dt: f64) -> Vec<f64> {
+    fn differentiate(&mut self, dt: f64) {
         let [now, before, earlier] = &self.history;
-        (0..now.len())
-            .map(|i| match self.steps {
+        for (i, rate) in self.rate.iter_mut().enumerate() {
+            *rate = match self.steps {
                 0 => 0.0,
                 1 => (now[i] - before[i]) / dt,
                 _ => (3.0 * now[i] - 4.0 * before[i] + earlier[i]) / (2.0 * dt),
-            })
-            .collect()
+            };
+        }
     }
 
     /// Moves the wake with the air (explicit Euler).
@@ -281,7 +364,7 @@ impl Solver {
         let cores = self.cores;
         // On the line at the edge both sheets meet: it has the wake's core for both.
         let across = move |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.wake_on_wake };
-        self.vorticity.set_cores(across, across);
+        self.vorticity.set_cores(self.steps - 1, across);
         let nodes = self.vorticity.convected();
         let moved = nodes.len();
         self.wake_targets.resize(2 * moved);
@@ -293,8 +376,15 @@ impl Solver {
             self.wake_targets.set(moved + i, mirrored(p));
         }
         let all = self.vorticity.all();
-        induce(&all, &self.wake_targets, &mut self.wake_velocity);
+        if self.single {
+            self.single_wake.induce(&all, &self.wake_targets, &mut self.wake_velocity);
+        } else {
+            induce(&all, &self.wake_targets, &mut self.wake_velocity);
+        }
         self.interactions += interactions(&all, &self.wake_targets);
+        if let Some(tail) = &self.tail {
+            tail.induce(&self.wake_targets, &mut self.wake_velocity);
+        }
         for (i, node) in nodes.enumerate() {
             let p = Vector::from(self.wake_targets.get(i));
             let v = Vector::from(self.wake_velocity.get(i)) + Vector::from(mirrored(self.wake_velocity.get(moved + i)));

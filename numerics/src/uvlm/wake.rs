@@ -2,29 +2,8 @@
 
 use std::f64::consts::PI;
 
-use crate::uvlm::kernel::Sheet;
-
-/// Nodes, ring circulations and segments of the wing (first) and its wake.
-///
-/// Rows 0 to `bound_rows - 1` are ring corners of the wing, the last of them the
-/// line from which the wake springs; further rows are older and older wake.
-#[derive(Debug, Clone)]
-pub struct Vorticity {
-    columns: usize,
-    bound_rows: usize,
-    most_rows: usize,
-    rows: usize,
-    nodes: [Vec<f64>; 3],
-    /// Ring circulations, row by row, bound rings first, m²/s.
-    circulation: Vec<f64>,
-    spanwise: Vec<f64>,
-    chordwise: Vec<f64>,
-    /// Squared lengths of the segments, m².
-    spanwise_length2: Vec<f64>,
-    chordwise_length2: Vec<f64>,
-    spanwise_core: Vec<f64>,
-    chordwise_core: Vec<f64>,
-}
+use crate::uvlm::kernel::{Segments, Sheet};
+use crate::uvlm::level::Real;
 
 /// A grid of vortex rings, wing first, then wake from young to old; one wing's, the
 /// other's is its mirror image in y = 0.
@@ -40,53 +19,93 @@ pub struct Rings<'a> {
     pub circulation: &'a [f64],
 }
 
-/// Strength / 4π of a segment. One without length (all chordwise edges meet in a
+/// Numbers of the segments of one direction, as [`Segments`] wants them.
+#[derive(Debug, Clone, Default)]
+struct Edges<T = f64> {
+    strength: Vec<T>,
+    length2: Vec<T>,
+    core: Vec<T>,
+}
+
+impl<T: Real> Edges<T> {
+    fn new(count: usize) -> Self {
+        let zeros = || vec![T::default(); count];
+        Self { strength: zeros(), length2: zeros(), core: zeros() }
+    }
+
+    fn range(&self, range: std::ops::Range<usize>) -> Segments<'_, T> {
+        Segments {
+            strength: &self.strength[range.clone()],
+            length2: &self.length2[range.clone()],
+            core: &self.core[range],
+        }
+    }
+}
+
+/// Nodes, ring circulations and segments of the wing (first) and its wake.
+///
+/// Rows 0 to `bound_rows - 1` are ring corners of the wing, the last of them the
+/// line from which the wake springs; further rows are older and older wake.
+#[derive(Debug, Clone)]
+pub struct Vorticity {
+    columns: usize,
+    bound_rows: usize,
+    rows: usize,
+    /// Number of the step in which each row of nodes left the edge; the wing's rows have none.
+    born: Vec<usize>,
+    nodes: [Vec<f64>; 3],
+    /// Ring circulations, row by row, bound rings first, m²/s.
+    circulation: Vec<f64>,
+    spanwise: Edges,
+    chordwise: Edges,
+}
+
+/// Strength / 8π of a segment. One without length (all chordwise edges meet in a
 /// pointed tip) has no velocity, but its rounding errors would have one.
 pub(super) fn strength(circulation: f64, length2: f64) -> f64 {
-    if length2 > 0.0 { circulation / (4.0 * PI) } else { 0.0 }
+    if length2 > 0.0 { circulation / (8.0 * PI) } else { 0.0 }
 }
 
 impl Vorticity {
     /// A wing of `bound_rows` rows of nodes with room for `wake_rows` rings of wake.
     pub fn new(columns: usize, bound_rows: usize, wake_rows: usize) -> Self {
-        let most_rows = bound_rows + wake_rows;
-        let across = || vec![0.0; most_rows * (columns - 1)];
+        let most_rows = bound_rows + wake_rows + 1;
         let along = || vec![0.0; most_rows * columns];
         Self {
             columns,
             bound_rows,
-            most_rows,
             rows: bound_rows,
+            born: vec![0; most_rows],
             nodes: [along(), along(), along()],
-            circulation: across(),
-            spanwise: across(),
-            chordwise: along(),
-            spanwise_length2: across(),
-            chordwise_length2: along(),
-            spanwise_core: across(),
-            chordwise_core: along(),
+            circulation: vec![0.0; most_rows * (columns - 1)],
+            spanwise: Edges::new(most_rows * (columns - 1)),
+            chordwise: Edges::new(most_rows * columns),
         }
     }
 
     /// Rings in a row.
-    fn strips(&self) -> usize {
+    pub fn strips(&self) -> usize {
         self.columns - 1
     }
 
-    /// Rows of wake rings.
-    pub fn wake_rows(&self) -> usize {
-        self.rows - self.bound_rows
+    /// Rows of nodes, the wing's included.
+    pub fn rows(&self) -> usize {
+        self.rows
     }
 
-    /// First node of the line from which the wake springs.
-    pub fn first_wake_node(&self) -> usize {
-        (self.bound_rows - 1) * self.columns
+    /// The row of nodes from which the wake springs.
+    pub fn edge_row(&self) -> usize {
+        self.bound_rows - 1
     }
 
-    /// Nodes that will still be wake after the next shedding.
+    /// Step in which a row of wake nodes left the edge.
+    pub fn born(&self, row: usize) -> usize {
+        self.born[row]
+    }
+
+    /// Nodes which move with the air: the edge's, about to leave, and the wake's.
     pub fn convected(&self) -> std::ops::Range<usize> {
-        let kept = self.rows.min(self.most_rows - 1);
-        self.first_wake_node()..kept * self.columns
+        self.edge_row() * self.columns..self.rows * self.columns
     }
 
     /// A node.
@@ -105,6 +124,11 @@ impl Vorticity {
         }
     }
 
+    /// Circulations of the rings behind a row of nodes.
+    pub fn ring_row(&self, row: usize) -> &[f64] {
+        &self.circulation[row * self.strips()..(row + 1) * self.strips()]
+    }
+
     /// Moves a node.
     pub fn set_node(&mut self, i: usize, p: [f64; 3]) {
         for (component, value) in self.nodes.iter_mut().zip(p) {
@@ -117,18 +141,64 @@ impl Vorticity {
         self.circulation[..circulation.len()].copy_from_slice(circulation);
     }
 
-    /// Sheds the last bound ring's circulation: the line at the edge becomes wake,
-    /// every wake ring grows one step older, the oldest is forgotten.
-    pub fn shed(&mut self) {
+    /// Sets the circulations of the bound rings to zero.
+    pub fn clear_bound(&mut self) {
+        let bound = self.edge_row() * self.strips();
+        self.circulation[..bound].fill(0.0);
+    }
+
+    /// Sheds the last bound ring's circulation: the line at the edge, which left in
+    /// step `step`, becomes wake.
+    pub fn shed(&mut self, step: usize) {
         let (columns, strips) = (self.columns, self.strips());
-        self.rows = (self.rows + 1).min(self.most_rows);
-        let (first, end) = (self.first_wake_node(), self.rows * columns);
+        let (edge, rows) = (self.edge_row(), self.rows);
         for component in &mut self.nodes {
-            component.copy_within(first..end - columns, first + columns);
+            component.copy_within(edge * columns..rows * columns, (edge + 1) * columns);
         }
+        self.born.copy_within(edge..rows, edge + 1);
+        self.born[edge + 1] = step;
         // The ring row before the wake is the wing's last: shifting from there sheds it.
-        let (edge, end) = ((self.bound_rows - 2) * strips, (self.rows - 1) * strips);
-        self.circulation.copy_within(edge..end - strips, edge + strips);
+        self.circulation.copy_within((edge - 1) * strips..(rows - 1) * strips, edge * strips);
+        self.rows += 1;
+    }
+
+    /// Forgets the oldest row of rings.
+    pub fn forget(&mut self) {
+        self.rows -= 1;
+    }
+
+    /// Joins the rings before and behind a row of wake nodes, which goes. The joint
+    /// ring's circulation keeps the impulse: Γ A = Γ1 A1 + Γ2 A2.
+    pub fn join(&mut self, row: usize) {
+        let (columns, strips) = (self.columns, self.strips());
+        for k in 0..strips {
+            let (before, behind) = ((row - 1) * strips + k, row * strips + k);
+            let (a1, a2) = (self.ring_area(row - 1, k).norm(), self.ring_area(row, k).norm());
+            let (g1, g2) = (self.circulation[before], self.circulation[behind]);
+            self.circulation[before] = if a1 + a2 > 0.0 { (g1 * a1 + g2 * a2) / (a1 + a2) } else { 0.5 * (g1 + g2) };
+        }
+        let rows = self.rows;
+        for component in &mut self.nodes {
+            component.copy_within((row + 1) * columns..rows * columns, row * columns);
+        }
+        self.born.copy_within(row + 1..rows, row);
+        self.circulation.copy_within((row + 1) * strips..(rows - 1) * strips, row * strips);
+        self.rows -= 1;
+    }
+
+    /// Area vector of a ring: half the cross product of its diagonals, m².
+    pub fn ring_area(&self, row: usize, strip: usize) -> crate::kinematics::Vector {
+        let first = row * self.columns + strip;
+        let node = |i: usize| crate::kinematics::Vector::from(self.node(i));
+        let (a, b) = (node(first + self.columns + 1) - node(first), node(first + self.columns) - node(first + 1));
+        a.cross(&b) * 0.5
+    }
+
+    /// Middle of a ring, m.
+    pub fn ring_middle(&self, row: usize, strip: usize) -> crate::kinematics::Vector {
+        let first = row * self.columns + strip;
+        let corners = [first, first + 1, first + self.columns, first + self.columns + 1];
+        corners.iter().map(|i| crate::kinematics::Vector::from(self.node(*i))).sum::<crate::kinematics::Vector>() * 0.25
     }
 
     /// Recomputes strengths and lengths of all segments after nodes or circulations changed.
@@ -139,8 +209,8 @@ impl Vorticity {
                 let ahead = if j > 0 { self.circulation[(j - 1) * strips + k] } else { 0.0 };
                 let behind = if j + 1 < self.rows { self.circulation[j * strips + k] } else { 0.0 };
                 let length2 = self.length2(j * columns + k, j * columns + k + 1);
-                self.spanwise[j * strips + k] = strength(ahead - behind, length2);
-                self.spanwise_length2[j * strips + k] = length2;
+                self.spanwise.strength[j * strips + k] = strength(ahead - behind, length2);
+                self.spanwise.length2[j * strips + k] = length2;
             }
         }
         for j in 0..self.rows - 1 {
@@ -148,8 +218,8 @@ impl Vorticity {
                 let inboard = if k > 0 { self.circulation[j * strips + k - 1] } else { 0.0 };
                 let outboard = if k < strips { self.circulation[j * strips + k] } else { 0.0 };
                 let length2 = self.length2(j * columns + k, (j + 1) * columns + k);
-                self.chordwise[j * columns + k] = strength(outboard - inboard, length2);
-                self.chordwise_length2[j * columns + k] = length2;
+                self.chordwise.strength[j * columns + k] = strength(outboard - inboard, length2);
+                self.chordwise.length2[j * columns + k] = length2;
             }
         }
     }
@@ -158,38 +228,35 @@ impl Vorticity {
         self.nodes.iter().map(|c| (c[a] - c[b]) * (c[a] - c[b])).sum()
     }
 
-    /// Sets the cores: `spanwise(age)` and `chordwise(age)` give the core radius
-    /// of a row's segments, m; age counts steps behind the edge, negative on the wing.
-    pub fn set_cores(&mut self, spanwise: impl Fn(f64) -> f64, chordwise: impl Fn(f64) -> f64) {
-        let edge = self.bound_rows as f64 - 1.0;
-        for (row, (core, length2)) in self
-            .spanwise_core
-            .chunks_mut(self.columns - 1)
-            .zip(self.spanwise_length2.chunks(self.columns - 1))
-            .enumerate()
-        {
-            let radius = spanwise(row as f64 - edge);
-            core.iter_mut().zip(length2).for_each(|(c, l)| *c = l * radius * radius);
+    /// Sets the cores: `radius(age)` gives the core radius of segments, m; age
+    /// counts steps since the edge was left at step `now`, negative on the wing.
+    pub fn set_cores(&mut self, now: usize, radius: impl Fn(f64) -> f64) {
+        let (columns, strips, edge) = (self.columns, self.strips(), self.edge_row());
+        let age = |row: usize| if row > edge { (now - self.born[row]) as f64 } else { row as f64 - edge as f64 };
+        for row in 0..self.rows {
+            let squared = radius(age(row)).powi(2);
+            let range = row * strips..(row + 1) * strips;
+            for (core, length2) in self.spanwise.core[range.clone()].iter_mut().zip(&self.spanwise.length2[range]) {
+                *core = length2 * squared;
+            }
         }
-        for (row, (core, length2)) in
-            self.chordwise_core.chunks_mut(self.columns).zip(self.chordwise_length2.chunks(self.columns)).enumerate()
-        {
-            let radius = chordwise(row as f64 + 0.5 - edge);
-            core.iter_mut().zip(length2).for_each(|(c, l)| *c = l * radius * radius);
+        for row in 0..self.rows - 1 {
+            let squared = radius(0.5 * (age(row) + age(row + 1))).powi(2);
+            let range = row * columns..(row + 1) * columns;
+            for (core, length2) in self.chordwise.core[range.clone()].iter_mut().zip(&self.chordwise.length2[range]) {
+                *core = length2 * squared;
+            }
         }
     }
 
     fn sheet(&self, from: usize, to: usize) -> Sheet<'_> {
         let (columns, strips) = (self.columns, self.strips());
-        let (nodes, across, along) =
-            (from * columns..to * columns, from * strips..to * strips, from * columns..(to - 1) * columns);
+        let nodes = from * columns..to * columns;
         Sheet {
             columns,
             nodes: [&self.nodes[0][nodes.clone()], &self.nodes[1][nodes.clone()], &self.nodes[2][nodes]],
-            spanwise: &self.spanwise[across.clone()],
-            chordwise: &self.chordwise[along.clone()],
-            spanwise_core: &self.spanwise_core[across],
-            chordwise_core: &self.chordwise_core[along],
+            spanwise: self.spanwise.range(from * strips..to * strips),
+            chordwise: self.chordwise.range(from * columns..(to - 1) * columns),
         }
     }
 
@@ -201,12 +268,12 @@ impl Vorticity {
     /// The wake from the edge on. With the bound circulations at zero the line at
     /// the edge carries the newest ring alone.
     pub fn wake(&self) -> Option<Sheet<'_>> {
-        (self.wake_rows() > 0).then(|| self.sheet(self.bound_rows - 1, self.rows))
+        (self.rows > self.bound_rows).then(|| self.sheet(self.bound_rows - 1, self.rows))
     }
 
-    /// The wing alone; complete only while there is no wake or the wake's share of
-    /// the edge line is wanted too.
-    pub fn wing(&self) -> Sheet<'_> {
-        self.sheet(0, self.bound_rows)
+    /// The wing's nodes by component.
+    pub fn wing_nodes(&self) -> [&[f64]; 3] {
+        let count = self.bound_rows * self.columns;
+        [&self.nodes[0][..count], &self.nodes[1][..count], &self.nodes[2][..count]]
     }
 }

@@ -1,0 +1,153 @@
+//! The wake beyond the one remembered.
+//!
+//! What is forgotten does not end: stroke after stroke the same rings go down the
+//! same way, a jet which reaches to infinity. Far from its rings a jet is a line of
+//! dipoles, and a line of dipoles of even strength is, outside itself, a sink at its
+//! beginning: air is drawn into the jet there. So each row of rings which is
+//! forgotten leaves a sink of strength
+//!
+//! q = m · D / |D|²,  m = Σ Γ A
+//!
+//! (impulse of the row over density m; displacement D of the wake in a stroke) at
+//! the place where its line of later copies begins, for one stroke, after which its
+//! successor of the next stroke takes over. Known answer: all sinks of a stroke
+//! together draw F / (ρ U) of air, the jet's flow, with mean force F and U = |D|/T.
+
+use std::collections::VecDeque;
+
+use crate::kinematics::Vector;
+use crate::uvlm::kernel::Points;
+use crate::uvlm::level::{Level, Real, Work, dispatch};
+use crate::uvlm::wake::Vorticity;
+
+/// A forgotten row.
+#[derive(Debug, Clone, Copy)]
+struct Lost {
+    step: usize,
+    /// Σ Γ A, m⁴/s.
+    moment: Vector,
+    place: Vector,
+    /// Its displacement in the stroke before, m.
+    drift: Vector,
+}
+
+/// Sinks for the rows forgotten in the last stroke.
+#[derive(Debug, Clone)]
+pub struct Tail {
+    /// Steps in a stroke.
+    period: usize,
+    /// Radius over which a sink is spread, m.
+    radius: f64,
+    /// Where rows were one stroke before the end of their memory, by the step they were born in.
+    marks: VecDeque<(usize, Vector)>,
+    lost: VecDeque<Lost>,
+    /// Place and strength / 4π of each sink.
+    sinks: Vec<([f64; 3], f64)>,
+}
+
+impl Tail {
+    /// A tail of strokes of `period` steps whose sinks are spread over `radius`, m.
+    pub fn new(period: usize, radius: f64) -> Self {
+        Self { period, radius, marks: VecDeque::new(), lost: VecDeque::new(), sinks: Vec::new() }
+    }
+
+    /// Looks at the wake at the end of step `now`, before rows older than `kept` steps are forgotten.
+    pub fn watch(&mut self, wake: &Vorticity, now: usize, kept: usize) {
+        let marked = kept.saturating_sub(self.period).max(1);
+        for row in wake.edge_row() + 1..wake.rows() {
+            if now - wake.born(row) == marked {
+                self.marks.push_back((wake.born(row), middle(wake, row)));
+            }
+        }
+        let last = wake.rows() - 1;
+        if last > wake.edge_row() && now - wake.born(last) > kept {
+            self.lose(wake, now, kept - marked);
+        }
+        while self.lost.front().is_some_and(|l| now - l.step >= self.period) {
+            self.lost.pop_front();
+        }
+        self.place_sinks(now);
+    }
+
+    fn lose(&mut self, wake: &Vorticity, now: usize, watched: usize) {
+        let last = wake.rows() - 1;
+        let born = wake.born(last);
+        while self.marks.front().is_some_and(|m| m.0 < born) {
+            self.marks.pop_front();
+        }
+        let Some((_, mark)) = self.marks.pop_front().filter(|m| m.0 == born) else { return };
+        let (mut moment, mut place, mut weight) = (Vector::zeros(), Vector::zeros(), 0.0);
+        for (strip, circulation) in wake.ring_row(last - 1).iter().enumerate() {
+            let m = wake.ring_area(last - 1, strip) * *circulation;
+            moment += m;
+            place += wake.ring_middle(last - 1, strip) * m.norm();
+            weight += m.norm();
+        }
+        if weight > 0.0 && watched > 0 {
+            let drift = (middle(wake, last) - mark) * (self.period as f64 / watched as f64);
+            self.lost.push_back(Lost { step: now, moment, place: place / weight, drift });
+        }
+    }
+
+    fn place_sinks(&mut self, now: usize) {
+        self.sinks.clear();
+        let weight: f64 = self.lost.iter().map(|l| l.moment.norm()).sum();
+        if weight <= 0.0 {
+            return;
+        }
+        let mut drift = self.lost.iter().map(|l| l.drift * l.moment.norm()).sum::<Vector>() / weight;
+        // The jet and its mirror image go down together.
+        drift.y = 0.0;
+        // A wake which stays where it is has no jet: its copies are no closer than half a radius.
+        let length = drift.norm().max(0.5 * self.radius);
+        for lost in &self.lost {
+            let since = (now - lost.step) as f64 / self.period as f64;
+            let place = lost.place + drift * (since - 0.5);
+            let strength = lost.moment.dot(&drift) / (length * length);
+            self.sinks.push((place.into(), strength / (4.0 * std::f64::consts::PI)));
+        }
+    }
+
+    /// Adds the sinks' velocity: -q/4π r / (r² + a²)^(3/2).
+    pub fn induce(&self, targets: &Points, velocity: &mut Points) {
+        if !self.sinks.is_empty() {
+            dispatch(Induce { tail: self, targets, velocity });
+        }
+    }
+}
+
+/// Mean of a row's nodes.
+fn middle(wake: &Vorticity, row: usize) -> Vector {
+    let columns = wake.strips() + 1;
+    (row * columns..(row + 1) * columns).map(|i| Vector::from(wake.node(i))).sum::<Vector>() / columns as f64
+}
+
+struct Induce<'a> {
+    tail: &'a Tail,
+    targets: &'a Points,
+    velocity: &'a mut Points,
+}
+
+impl Work for Induce<'_> {
+    #[inline(always)]
+    fn run<S: Level>(self, simd: S) {
+        let Self { tail, targets, velocity } = self;
+        let spread = simd.splat_f64s(tail.radius * tail.radius);
+        for start in (0..targets.len()).step_by(S::F64_LANES) {
+            let target = targets.load(simd, start);
+            let [mut u, mut v, mut w] = velocity.load(simd, start);
+            for ([x, y, z], strength) in &tail.sinks {
+                let x = simd.sub_f64s(simd.splat_f64s(*x), target[0]);
+                let y = simd.sub_f64s(simd.splat_f64s(*y), target[1]);
+                let z = simd.sub_f64s(simd.splat_f64s(*z), target[2]);
+                let r2 = simd.mul_add_f64s(x, x, simd.mul_add_f64s(y, y, simd.mul_add_f64s(z, z, spread)));
+                let r3 = simd.mul_f64s(r2, f64::root(simd, r2));
+                let factor = simd.div_f64s(simd.splat_f64s(*strength), r3);
+                u = simd.mul_add_f64s(factor, x, u);
+                v = simd.mul_add_f64s(factor, y, v);
+                w = simd.mul_add_f64s(factor, z, w);
+            }
+            velocity.store(simd, start, [u, v, w]);
+        }
+    }
+}
