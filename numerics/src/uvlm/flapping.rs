@@ -51,7 +51,19 @@ pub(crate) fn pose(insect: &Insect, attitude: &Attitude) -> Pose {
 fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {
     let planform = Planform::of_insect(insect, settings);
     let dt = stroke.period() / settings.steps_per_stroke as f64;
-    let behind: Vec<f64> = edge_speeds(&planform, stroke).iter().map(|v| settings.first_row * v * dt).collect();
+    let behind: Vec<f64> = edge_speeds(&planform, stroke)
+        .iter()
+        .enumerate()
+        .map(|(k, v)| {
+            let panel = (planform.leading[k] - planform.trailing[k]) / settings.chordwise_panels as f64;
+            let row = v * dt;
+            if std::env::var("ROW").is_ok() {
+                crate::uvlm::geometry::first_row(panel / row, settings.first_row) * row
+            } else {
+                settings.first_row * row
+            }
+        })
+        .collect();
     let c = insect.mean_chord_m;
     let cores = Cores {
         bound: settings.bound_core * c,
@@ -59,6 +71,7 @@ fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> So
         wake_on_wake: settings.wake_core_on_wake * c,
         fresh_on_wing: settings.fresh_core_on_wing * c,
         developed_on_wing: settings.wake_core_on_wing * c,
+        spreading: (settings.wake_spreading * c).powi(2) / stroke.period(),
         growth_time: settings.core_growth_time * stroke.period(),
     };
     let suction = Suction { to_lift: settings.suction_to_lift, in_plane: settings.suction_in_plane };

@@ -194,3 +194,28 @@ impl Pose {
         self.e_c.cross(&self.e_r)
     }
 }
+
+/// Digamma function for x > 0.
+fn digamma(x: f64) -> f64 {
+    let (mut x, mut sum) = (x, 0.0);
+    while x < 8.0 {
+        sum -= 1.0 / x;
+        x += 1.0;
+    }
+    let y = 1.0 / (x * x);
+    sum + crate::math::ln(x) - 0.5 / x - y * (1.0 / 12.0 - y * (1.0 / 120.0 - y / 252.0))
+}
+
+/// first row
+pub fn first_row(ratio: f64, at_one: f64) -> f64 {
+    if !(ratio > 0.0) || ratio > 1e6 {
+        return 0.25;
+    }
+    let want = digamma(at_one + 0.25) + crate::math::ln(ratio);
+    let (mut low, mut high) = (1e-3, 2.0 + ratio);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if digamma(middle) < want { low = middle } else { high = middle }
+    }
+    0.5 * (low + high) - 0.25 * ratio
+}

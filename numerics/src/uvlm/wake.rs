@@ -186,12 +186,13 @@ impl Vorticity {
         self.rows -= 1;
     }
 
-    /// Area vector of a ring: half the cross product of its diagonals, m².
+    /// Area vector of a ring, m²: half the cross product of its diagonals, along the
+    /// velocity in its middle when its circulation is positive.
     pub fn ring_area(&self, row: usize, strip: usize) -> crate::kinematics::Vector {
         let first = row * self.columns + strip;
         let node = |i: usize| crate::kinematics::Vector::from(self.node(i));
         let (a, b) = (node(first + self.columns + 1) - node(first), node(first + self.columns) - node(first + 1));
-        a.cross(&b) * 0.5
+        b.cross(&a) * 0.5
     }
 
     /// Middle of a ring, m.
