@@ -12,9 +12,10 @@ mod solver;
 mod suction;
 mod wake;
 
-pub use flapping::fly;
+pub use flapping::{fly, solver_of};
 pub use geometry::{Lattice, Planform, Pose};
 pub use loads::WingLoad;
 pub use settings::Settings;
 pub use solver::{Air, Cores, Solver, Suction};
+pub use suction::SuctionFit;
 pub use wake::Rings;

@@ -12,8 +12,7 @@ fn the_definition_is_sound() {
 
 #[test]
 fn every_command_has_help_and_needs_no_options() {
-    let lines =
-        "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|insects|settings|slot";
+    let lines = "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|report verification|insects|settings|slot";
     for line in lines.split('|') {
         assert!(parse(&format!("manduca {line}")).is_ok(), "{line}");
         let error = parse(&format!("manduca {line} --help")).unwrap_err();

@@ -50,20 +50,33 @@ pub(crate) fn pose(insect: &Insect, attitude: &Attitude) -> Pose {
 
 fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {
     let planform = Planform::of_insect(insect, settings);
-    let dt = stroke.period() / settings.steps_per_stroke as f64;
-    let behind: Vec<f64> = edge_speeds(&planform, stroke).iter().map(|v| settings.first_row * v * dt).collect();
-    let c = insect.mean_chord_m;
+    let speeds = edge_speeds(&planform, stroke);
+    solver_of(&planform, settings, insect.mean_chord_m, stroke.period(), &speeds, air)
+}
+
+/// A wing of any planform at these settings, whose lengths count in `chord` (m) and times in
+/// `period` (s); `edge_speeds` is the mean speed of the trailing edge at each station, m/s.
+pub fn solver_of(
+    planform: &Planform,
+    settings: &Settings,
+    chord: f64,
+    period: f64,
+    edge_speeds: &[f64],
+    air: Air,
+) -> Solver {
+    let dt = period / settings.steps_per_stroke as f64;
+    let behind: Vec<f64> = edge_speeds.iter().map(|v| settings.first_row * v * dt).collect();
     let cores = Cores {
-        bound: settings.bound_core * c,
-        bound_on_wake: settings.bound_core_on_wake * c,
-        wake_on_wake: settings.wake_core_on_wake * c,
-        fresh_on_wing: settings.fresh_core_on_wing * c,
-        developed_on_wing: settings.wake_core_on_wing * c,
-        growth_time: settings.core_growth_time * stroke.period(),
+        bound: settings.bound_core * chord,
+        bound_on_wake: settings.bound_core_on_wake * chord,
+        wake_on_wake: settings.wake_core_on_wake * chord,
+        fresh_on_wing: settings.fresh_core_on_wing * chord,
+        developed_on_wing: settings.wake_core_on_wing * chord,
+        growth_time: settings.core_growth_time * period,
     };
     let suction = Suction { to_lift: settings.suction_to_lift, in_plane: settings.suction_in_plane };
     let rows = (settings.wake_strokes * settings.steps_per_stroke as f64).round().max(1.0) as usize;
-    Solver::new(Lattice::new(&planform, settings.chordwise_panels, &behind), air, cores, suction, rows)
+    Solver::new(Lattice::new(planform, settings.chordwise_panels, &behind), air, cores, suction, rows)
 }
 
 /// Mean speed of the trailing edge at each station over a stroke, m/s.

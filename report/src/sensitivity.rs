@@ -1,0 +1,1 @@
+//! What the means of the published strokes are sensitive to.

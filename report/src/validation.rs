@@ -1,0 +1,1 @@
+//! The published strokes at the default settings.
