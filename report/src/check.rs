@@ -88,23 +88,44 @@ impl Row {
         }
     }
 
-    fn cells(&self) -> [String; 7] {
-        let (expected, off, tolerance) = match self.expected {
-            Expected::Within { value, share } => {
-                (significant(value, 4), percent(self.error(), 2), format!("{} %", significant(100.0 * share, 2)))
-            }
-            Expected::Near { value, distance } => {
-                (significant(value, 4), signed(self.error(), 2), significant(distance, 2))
-            }
-            Expected::Between { low, high } => {
-                let off = if self.pass() { "inside".to_owned() } else { significant(self.error(), 2) };
-                (format!("{} to {}", significant(low, 3), significant(high, 3)), off, String::new())
-            }
-            Expected::Below(limit) => ("0".to_owned(), String::new(), significant(limit, 2)),
+    /// Error over tolerance: more than one fails. Not a number counts as infinite.
+    pub fn excess(&self) -> f64 {
+        let limit = match self.expected {
+            Expected::Within { share, .. } => share,
+            Expected::Near { distance, .. } => distance,
+            Expected::Between { low, high } => return 1.0 + self.error().abs() / (high - low),
+            Expected::Below(limit) => limit,
         };
-        let pass = if self.pass() { "yes" } else { "**no**" };
-        let setup = self.setup.name().to_owned();
-        [self.what.clone(), setup, expected, significant(self.got, 4), off, tolerance, pass.to_owned()]
+        let excess = self.error().abs() / limit;
+        if excess.is_nan() { f64::INFINITY } else { excess }
+    }
+
+    /// Expected value and tolerance as text.
+    pub fn wanted(&self) -> [String; 2] {
+        match self.expected {
+            Expected::Within { value, share } => {
+                [significant(value, 4), format!("{} %", significant(100.0 * share, 1))]
+            }
+            Expected::Near { value, distance } => [significant(value, 4), significant(distance, 1)],
+            Expected::Between { low, high } => {
+                [format!("{} to {}", significant(low, 3), significant(high, 3)), "inside".to_owned()]
+            }
+            Expected::Below(limit) => ["0".to_owned(), significant(limit, 1)],
+        }
+    }
+
+    /// Value, error and verdict as text.
+    pub fn found(&self) -> [String; 3] {
+        let off = match self.expected {
+            Expected::Within { .. } => percent(self.error(), 1),
+            Expected::Near { distance, .. } if distance >= 0.1 => signed(self.error(), 1),
+            Expected::Near { .. } => significant(self.error(), 1),
+            Expected::Between { .. } if self.error() == 0.0 => "inside".to_owned(),
+            Expected::Between { .. } => signed(self.error(), 2),
+            Expected::Below(_) => String::new(),
+        };
+        let digits = if matches!(self.expected, Expected::Below(_)) { 1 } else { 4 };
+        [significant(self.got, digits), off, if self.pass() { "yes" } else { "**no**" }.to_owned()]
     }
 }
 
@@ -120,10 +141,24 @@ pub struct Group {
 }
 
 impl Group {
-    /// As a table.
+    /// As a table, a line for each quantity, both settings beside each other.
     pub fn table(&self) -> Table {
-        let mut table = Table::new(["check", "settings", "expected", "got", "off by", "tolerance", "pass"]);
-        self.rows.iter().for_each(|row| table.row(row.cells()));
+        let header = ["", "expected", "within", "fine", "off by", "pass", "default", "off by", "pass"];
+        let mut table = Table::new(header);
+        let mut told: Vec<&str> = Vec::new();
+        for row in &self.rows {
+            if told.contains(&row.what.as_str()) {
+                continue;
+            }
+            told.push(&row.what);
+            let mut cells = vec![row.what.clone()];
+            cells.extend(row.wanted());
+            for setup in Setup::BOTH {
+                let found = self.rows.iter().find(|r| r.what == row.what && r.setup == setup);
+                cells.extend(found.map_or([String::new(), String::new(), String::new()], Row::found));
+            }
+            table.row(cells);
+        }
         table
     }
 
@@ -160,11 +195,14 @@ mod tests {
     }
 
     #[test]
-    fn tables_show_failures() {
-        let failed = row(Expected::Within { value: 2.0, share: 0.01 }, 2.1);
-        assert_eq!(failed.cells(), ["x", "fine", "2.000", "2.100", "+5.00 %", "1.0 %", "**no**"]);
-        let group = Group { title: "t", about: String::new(), rows: vec![failed.clone(), failed] };
+    fn a_table_has_both_settings_side_by_side() {
+        let expected = Expected::Within { value: 2.0, share: 0.01 };
+        let (fine, bad) = (row(expected, 2.0), Row { setup: Setup::Production, ..row(expected, 2.1) });
+        let other = Row { what: "y".into(), ..row(Expected::Below(1e-8), 3e-12) };
+        let group = Group { title: "t", about: String::new(), rows: vec![fine, other, bad] };
         assert_eq!(group.sources(), ["book"]);
-        assert!(group.table().to_string().contains("**no**"));
+        let lines: Vec<_> = group.table().to_string().lines().skip(2).map(str::to_owned).collect();
+        let both = "| x | 2.000 | 1 % | 2.000 | 0.0 % | yes | 2.100 | +5.0 % | **no** |";
+        assert_eq!(lines, [both, "| y | 0 | 1e-8 | 3e-12 |  | yes |  |  |  |"]);
     }
 }

@@ -7,8 +7,10 @@
 
 pub mod canonical;
 pub mod check;
+pub mod difference;
 pub mod flights;
 pub mod markdown;
+pub mod output;
 pub mod plot;
 pub mod sensitivity;
 pub mod validation;

@@ -24,11 +24,9 @@ pub fn coefficient(wing: Wing) -> f64 {
     if solver.step(&level(0.0, Vector::zeros(), -Vector::z()), 1.0).is_none() {
         return f64::NAN;
     }
-    let lattice = solver.lattice();
-    let area =
-        |ring: usize| lattice.width[ring % lattice.strips] * lattice.chord[ring % lattice.strips] / panels as f64;
-    // ρ ∫ Γ dA over both halves.
-    let momentum: f64 = solver.circulation().iter().enumerate().map(|(ring, g)| 2.0 * g * area(ring)).sum();
+    // ρ ∫ Γ dA over both halves, the area as the loads count it.
+    let panels = &solver.lattice().panels;
+    let momentum: f64 = solver.circulation().iter().zip(panels).map(|(g, panel)| 2.0 * g * panel.area).sum();
     momentum / (0.25 * PI * wing.aspect)
 }
 

@@ -41,7 +41,7 @@ pub fn group() -> Group {
         ("rectangular wing, aspect ratio 4", Setup::Production, family, rectangle(production).with_default_strips()),
     ];
     let rows = work.into_par_iter().map(|(name, setup, expected, wing)| Row {
-        what: format!("{name}, {} x {} panels", wing.scheme.settings.chordwise_panels, wing.strips),
+        what: name.to_owned(),
         source: if wing.shape == Shape::Elliptic { LIFTING_LINE } else { RECTANGULAR },
         setup,
         expected,

@@ -12,6 +12,8 @@ use super::wing::{Wing, level};
 use crate::check::{Expected, Group, Row, Setup};
 use crate::plot::{Figure, Mark, Panel, Series};
 
+/// Title of the checks.
+pub const TITLE: &str = "Theodorsen and Garrick: oscillating plate";
 const THEODORSEN: &str = "Theodorsen, NACA TR 496";
 const GARRICK: &str = "Garrick, NACA TR 567";
 
@@ -143,13 +145,12 @@ fn rows(motion: Motion, setup: Setup, point: (f64, f64, f64)) -> Vec<Row> {
     let size = Expected::Within { value: want.size(), share: 0.03 };
     let phase = Expected::Near { value: want.phase(), distance: 3.0 };
     let mut rows = vec![
-        row(format!("lift amplitude, {name}"), THEODORSEN, size, got.size()),
-        row(format!("its phase, °, {name}"), THEODORSEN, phase, got.phase()),
+        row(format!("{name}: lift"), THEODORSEN, size, got.size()),
+        row(format!("{name}: phase, °"), THEODORSEN, phase, got.phase()),
     ];
     if motion == Motion::Plunge {
-        // At the lowest frequency the thrust of a mean over a period still has the start in it.
         let thrust = Expected::Within { value: want.thrust, share: 0.05 };
-        rows.push(row(format!("thrust coefficient, {name}"), GARRICK, thrust, got.thrust));
+        rows.push(row(format!("{name}: thrust"), GARRICK, thrust, got.thrust));
     }
     rows
 }
@@ -164,7 +165,7 @@ pub fn group() -> Group {
     }
     let stroke = Scheme::production().reduced_frequency();
     Group {
-        title: "Theodorsen and Garrick: oscillating plate",
+        title: TITLE,
         about: format!(
             "Lift per span of a plunging and of a pitching plate, amplitude over ρ U² c times the motion's amplitude \
              (h'/U or α), and the thrust of the plunging one, all of it leading-edge suction: \
@@ -177,24 +178,23 @@ pub fn group() -> Group {
 
 /// Amplitude and phase of the plunging plate's lift against reduced frequency.
 pub fn figure() -> Figure {
-    type Part = fn(&Response) -> f64;
-    let responses: Vec<(Setup, Vec<(f64, Response)>)> = Setup::BOTH
-        .into_iter()
-        .map(|setup| {
-            let at = |p: &(f64, f64, f64)| (p.0, response(Motion::Plunge, p.0, scheme(setup, p.0)));
-            (setup, FUNCTION[1..].par_iter().map(at).collect())
-        })
-        .collect();
-    let panel = |y: &str, part: Part| {
+    let curves = [
+        ("fine", Mark::Line, scheme as fn(Setup, f64) -> Scheme, Setup::Fine),
+        ("default", Mark::Dashed, scheme, Setup::Production),
+        ("default lattice and step, small cores", Mark::Dashed, |_, _| Scheme::production_without_cores(), Setup::Fine),
+    ];
+    let responses = curves.map(|(_, _, scheme, setup)| {
+        let at = |p: &(f64, f64, f64)| (p.0, response(Motion::Plunge, p.0, scheme(setup, p.0)));
+        FUNCTION[1..].par_iter().map(at).collect::<Vec<_>>()
+    });
+    let panel = |y: &str, part: fn(&Response) -> f64| {
         let exact = FUNCTION[1..].iter().map(|p| (p.0, part(&theory(Motion::Plunge, *p))));
         let mut series = vec![Series::new("theory", Mark::Points, exact)];
-        for (setup, points) in &responses {
-            let mark = if *setup == Setup::Fine { Mark::Line } else { Mark::Dashed };
-            series.push(Series::new(setup.name(), mark, points.iter().map(|(k, r)| (*k, part(r)))));
+        for ((label, mark, ..), points) in curves.iter().zip(&responses) {
+            series.push(Series::new(*label, *mark, points.iter().map(|(k, r)| (*k, part(r)))));
         }
         Panel { x: "reduced frequency k".into(), y: y.into(), series }
     };
-    let panels =
-        vec![panel("lift amplitude / (ρ U c h')", Response::size), panel("phase before h', °", Response::phase)];
+    let panels = vec![panel("lift / (ρ U c h')", Response::size), panel("phase before h', °", Response::phase)];
     Figure { panels, columns: 2 }
 }

@@ -6,7 +6,11 @@ use manduca_numerics::uvlm::{Air, Planform, Pose, Settings, solver_of};
 use super::scheme::Scheme;
 use crate::check::{Expected, Group, Row, Setup};
 
+/// Title of the checks.
+pub const TITLE: &str = "Against other codes";
 const SOURCE: &str = "four public vortex-lattice codes, whose loads contain the full suction in the wing's plane";
+/// The flight in a few words.
+pub const SHORT: &str = "two rectangular wings, second half of the first stroke";
 const LENGTH: f64 = 0.0485;
 const CHORD: f64 = 0.018;
 const HINGE: f64 = 0.005;
@@ -56,12 +60,15 @@ pub fn group() -> Group {
         expected: Expected::Between { low: 19.3, high: 22.5 },
         got: 1e3 * lift,
     };
-    let lattice = format!("{} x {} panels", production.chordwise_panels, production.spanwise_panels);
+    let lattice = format!(
+        "{} x {} panels, {} steps",
+        production.chordwise_panels, production.spanwise_panels, production.steps_per_stroke
+    );
     let whole = second_half_lift(&production, production.spanwise_panels, production.spanwise_cosine);
     let nothing = Settings { suction_in_plane: 0.0, ..production };
     let without = second_half_lift(&nothing, production.spanwise_panels, production.spanwise_cosine);
     Group {
-        title: "Against other codes",
+        title: TITLE,
         about: format!(
             "Two rectangular wings of 48.5 x 18 mm, hinges 5 mm off the plane of symmetry, feathering axis c/4, 26.8 Hz, \
              φa = αa = 60°: mean lift of both over the second half of the first stroke, mN, with all suction in the \
@@ -72,7 +79,7 @@ pub fn group() -> Group {
         rows: vec![
             row("6 x 12 panels, 40 steps".into(), Setup::Fine, second_half_lift(&fine, 12, 0.0)),
             row("6 x 12 panels, 40 steps".into(), Setup::Production, second_half_lift(&mixed, 12, 0.0)),
-            row(format!("{lattice}, {} steps", production.steps_per_stroke), Setup::Production, whole),
+            row(lattice, Setup::Production, whole),
         ],
     }
 }

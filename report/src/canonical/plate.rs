@@ -44,15 +44,15 @@ pub fn group() -> Group {
             got,
         };
         [
-            row(format!("Γ/(U c), {panels} panels"), "π sin α", PI * sine, 1e-10, circulation),
-            row(format!("suction/(½ρU²c), {panels} panels"), "2π sin²α", TAU * sine * sine, 1e-6, suction),
+            row(format!("Γ/(U c), N = {panels}"), "π sin α", PI * sine, 1e-10, circulation),
+            row(format!("suction/(½ρU²c), N = {panels}"), "2π sin²α", TAU * sine * sine, 1e-6, suction),
         ]
     });
     Group {
         title: "Two-dimensional plate",
         about: format!(
             "A flat plate at {INCIDENCE} rad: circulation π U c sin α and leading-edge suction 2π sin²α, \
-             with any number of panels. The number of the default settings is marked so."
+             with any number N of panels; default: N = {default}."
         ),
         rows: rows.collect(),
     }

@@ -36,6 +36,12 @@ impl Scheme {
         Self { settings: Settings::default(), stroke: hawkmoth_stroke() }
     }
 
+    /// Lattice and step of the default settings, but one small core: what is left is the cores' doing.
+    pub fn production_without_cores() -> Self {
+        let production = Self::production();
+        Self::fine(1e-6, production.step(), production.settings.chordwise_panels)
+    }
+
     /// Travel in a time step, chords.
     pub fn step(&self) -> f64 {
         self.stroke / self.settings.steps_per_stroke as f64

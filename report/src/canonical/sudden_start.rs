@@ -7,6 +7,8 @@ use super::wing::{Wing, interpolated};
 use crate::check::{Expected, Group, Row, Setup};
 use crate::plot::{Figure, Mark, Panel, Series};
 
+/// Title of the checks.
+pub const TITLE: &str = "Sudden start of finite wings";
 const SOURCE: &str = "Katz & Plotkin, Low-Speed Aerodynamics, fig. 13.34";
 const TIMES: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
 /// Aspect ratio, and lift coefficient at `TIMES`.
@@ -50,7 +52,7 @@ pub fn group() -> Group {
         })
     });
     Group {
-        title: "Sudden start of finite wings",
+        title: TITLE,
         about:
             "Lift coefficient at 5°. Fine: the published lattice of 4 x 13 panels per half, steps of 1/16 chord and \
                 first wake row. Default: the default lattice, step, first row and cores."
