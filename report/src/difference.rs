@@ -52,13 +52,13 @@ pub fn paragraphs(flown: &[Flown], study: &Study, other: &Group) -> Vec<String> 
         listed(sorted(study).iter().map(|(name, change)| format!("{name} {}", signed(*change, 3))))
     )];
     texts.push(closing(&sorted(study), gap));
+    let powers = levers().map(|(_, change)| study.power_per_lift_change(change));
     texts.push(format!(
         "Half of the suction is the paper's own choice (here suction_to_lift = {}); the area is a misprint in the paper \
-         and is the specimen's here, axis and hinges are not given there. Power follows lift: no change in the tables \
-         moves power per lift of any stroke by more than {} %, while L+ moves by up to {}.",
+         and is the specimen's here, axis and hinges are not given there. Power follows lift: of these changes none moves \
+         the power per lift of any stroke by more than {} %.",
         Settings::default().suction_to_lift,
-        fixed(100.0 * study.greatest_power_per_lift_change(), 0),
-        sorted(study).first().map_or("0".to_owned(), |c| fixed(c.1.abs(), 2)),
+        fixed(100.0 * powers.into_iter().filter(|p| p.is_finite()).fold(0.0, f64::max), 0),
     ));
     texts.extend(like_with_like(study, other));
     texts
@@ -70,7 +70,7 @@ fn closing(changes: &[(&str, f64)], gap: f64) -> String {
     let alone: Vec<_> = changes.iter().filter(|c| share(c.1) >= 1.0).map(|c| c.0.to_owned()).collect();
     let greatest = changes.iter().max_by(|a, b| share(a.1).total_cmp(&share(b.1)));
     match (alone.is_empty(), greatest) {
-        (false, _) => format!("Alone, each of these would close the difference: {}.", listed(alone.into_iter())),
+        (false, _) => format!("What would close the difference alone: {}.", listed(alone.into_iter())),
         (true, Some((name, change))) => format!(
             "None of them alone closes the difference; the most is done by {name}: {} % of it.",
             fixed(100.0 * share(*change), 0)
@@ -113,11 +113,41 @@ fn listed(items: impl Iterator<Item = String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Row;
+    use crate::validation;
+
+    #[test]
+    fn paragraphs_have_the_computed_numbers() {
+        let coarse = Settings {
+            chordwise_panels: 2,
+            spanwise_panels: 4,
+            steps_per_stroke: 16,
+            strokes: 2,
+            strokes_dropped: 1,
+            ..Settings::default()
+        };
+        let (flown, study) = (validation::fly(coarse).unwrap(), Study::fly(coarse));
+        let row = |setup, got| Row {
+            what: "x".into(),
+            source: "codes",
+            setup,
+            expected: Expected::Between { low: 10.0, high: 30.0 },
+            got,
+        };
+        let rows = vec![row(Setup::Fine, 21.0), row(Setup::Production, 16.0)];
+        let text = paragraphs(&flown, &study, &Group { title: "t", about: String::new(), rows }).join("\n");
+        let suction =
+            format!("all suction turned into lift {}", signed(study.lift_change(Change::SuctionToLift(1.0)), 3));
+        for part in [&fixed(gap(&flown).abs(), 3), &suction, "+5 % and -20 % of the middle"] {
+            assert!(text.contains(part), "{part} in {text}");
+        }
+        assert!(!text.contains("NaN"), "{text}");
+    }
 
     #[test]
     fn sentences_follow_the_numbers() {
         let changes = [("more area", 0.08), ("less suction", -0.09)];
-        assert!(closing(&changes, 0.07).contains("close the difference: more area."));
+        assert!(closing(&changes, 0.07).contains("difference alone: more area."));
         assert_eq!(
             closing(&changes, 0.16),
             "None of them alone closes the difference; the most is done by more area: 50 % of it."

@@ -69,7 +69,7 @@ fn wrapped(text: &str, width: usize) -> String {
     lines
 }
 
-/// A table: columns of numbers to the right, columns with words to the left.
+/// A table: the first column and columns with words to the left, columns of numbers to the right.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     header: Vec<String>,
@@ -98,7 +98,7 @@ impl Display for Table {
         };
         writeln!(f, "{}", line(&self.header))?;
         let rules = (0..self.header.len()).map(|i| {
-            let numeric = !self.rows.is_empty() && self.rows.iter().all(|row| is_number(&row[i]));
+            let numeric = i > 0 && !self.rows.is_empty() && self.rows.iter().all(|row| is_number(&row[i]));
             if numeric { "---:" } else { "---" }
         });
         writeln!(f, "|{}|", rules.collect::<Vec<_>>().join("|"))?;

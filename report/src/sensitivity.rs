@@ -85,7 +85,7 @@ pub fn variations() -> Vec<Variation> {
         all.push(variation(format!("feathering axis {share:.2} c"), Change::Axis(share)));
     }
     for millimetres in [6.0, 8.0, 10.0] {
-        all.push(variation(format!("hinges {millimetres} mm off"), Change::Hinge(1e-3 * millimetres)));
+        all.push(variation(format!("hinges {millimetres} mm off"), Change::Hinge(millimetres / 1e3)));
     }
     all.push(variation("elevation sign -".into(), Change::Elevation(ElevationPhase::Minus)));
     all
@@ -126,9 +126,9 @@ const QUANTITIES: [Quantity; 5] =
     [|m| m.scaled[0].mean, |m| m.scaled[1].mean, |m| m.scaled[2].mean, |m| m.scaled[3].mean, Means::power_per_lift];
 
 impl Study {
-    /// Flies everything.
-    pub fn fly() -> Self {
-        Self::of(&CASES, &variations(), Flight::of_case)
+    /// Flies everything, each change made to these settings.
+    pub fn fly(settings: Settings) -> Self {
+        Self::of(&CASES, &variations(), |case| Flight { settings, ..Flight::of_case(case) })
     }
 
     fn of(cases: &'static [Case], variations: &[Variation], base: impl Fn(&Case) -> Flight) -> Self {
@@ -163,10 +163,10 @@ impl Study {
         self.answer(change).map_or(f64::NAN, |answer| self.change(answer, 0).mean)
     }
 
-    /// Greatest change of P/L over all variations and cases, relative.
-    pub fn greatest_power_per_lift_change(&self) -> f64 {
-        let sizes = self.answers.iter().map(|a| self.change(a, 4)).filter(|s| s.count > 0);
-        sizes.map(|s| s.low.abs().max(s.high.abs())).fold(0.0, f64::max)
+    /// Greatest change of P/L of any stroke for a change, relative; nothing flies: NaN.
+    pub fn power_per_lift_change(&self, change: Change) -> f64 {
+        let spread = self.answer(change).map(|answer| self.change(answer, 4)).filter(|s| s.count > 0);
+        spread.map_or(f64::NAN, |s| s.low.abs().max(s.high.abs()))
     }
 
     /// Changes as mean over the cases, with least and greatest.
@@ -236,15 +236,14 @@ mod tests {
         let flight = Flight::of_case(&CASES[0]);
         for variation in &variations() {
             let changed = variation.change.of(flight);
-            let same = changed == flight;
             let is_default = match variation.change {
                 Change::Nothing => true,
                 Change::SuctionToLift(share) => share == flight.settings.suction_to_lift,
-                Change::Hinge(offset) => (offset - flight.insect.hinge_offset_m).abs() < 1e-12,
+                Change::Hinge(offset) => offset == flight.insect.hinge_offset_m,
                 Change::Axis(share) => share == flight.insect.feathering_axis,
                 _ => false,
             };
-            assert!(same == is_default || is_default, "{}", variation.name);
+            assert_eq!(changed == flight, is_default, "{}", variation.name);
         }
         let doubled = with_cores(Settings::default(), 2.0);
         assert_eq!(doubled.bound_core, 2.0 * Settings::default().bound_core);

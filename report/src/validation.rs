@@ -5,6 +5,7 @@ use std::io;
 use manduca_numerics::cases::{CASES, Case};
 use manduca_numerics::insect::Insect;
 use manduca_numerics::simulation::{Estimate, Means, Moment};
+use manduca_numerics::uvlm::Settings;
 use rayon::prelude::*;
 
 use crate::flights::Flight;
@@ -22,13 +23,13 @@ pub struct Flown {
     pub history: Vec<Moment>,
 }
 
-/// Flies the published strokes at the default settings.
+/// Flies the published strokes.
 ///
 /// # Errors
 /// When one of them cannot be flown.
-pub fn fly() -> io::Result<Vec<Flown>> {
+pub fn fly(settings: Settings) -> io::Result<Vec<Flown>> {
     let fly = |case: &'static Case| {
-        let (means, history) = Flight::of_case(case)
+        let (means, history) = Flight { settings, ..Flight::of_case(case) }
             .fly_with_history()
             .map_err(|reason| io::Error::other(format!("{}: {reason}", case.name)))?;
         Ok(Flown { case, means, history })
@@ -147,4 +148,35 @@ pub fn words(flown: &[Flown]) -> String {
         fixed(worst(1), 3),
         fixed(worst(2), 3),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_and_figures_show_every_stroke() {
+        let coarse = Settings {
+            chordwise_panels: 4,
+            spanwise_panels: 6,
+            steps_per_stroke: 24,
+            strokes: 4,
+            ..Settings::default()
+        };
+        let flown = fly(coarse).unwrap();
+        for table in [means(&flown).to_string(), joints(&flown).to_string()] {
+            assert_eq!(table.lines().count(), 2 + CASES.len());
+            assert!(CASES.iter().all(|case| table.contains(case.name)), "{table}");
+            assert!(!table.contains("NaN"), "{table}");
+        }
+        // Inertia only carries power from joint to joint.
+        let sums = flown.iter().map(|f| f.means.joints.iter().map(|j| j.inertial_w).sum::<f64>());
+        assert!(sums.map(f64::abs).fold(0.0, f64::max) < 1e-6);
+        for figure in [forces(&flown), angles(&flown)] {
+            let svg = figure.svg().unwrap();
+            assert!(CASES.iter().all(|case| svg.contains(case.name)));
+        }
+        let least = flown.iter().map(lift_error).fold(f64::INFINITY, f64::min);
+        assert!(words(&flown).contains(&format!("by {} to", signed(100.0 * least, 0))), "{}", words(&flown));
+    }
 }

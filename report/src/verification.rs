@@ -31,10 +31,10 @@ pub fn compute(tell: &mut dyn FnMut(&str)) -> io::Result<Report> {
     draft.introduction(&groups);
     draft.canonical(&groups)?;
     tell("published strokes");
-    let flown = validation::fly()?;
+    let flown = validation::fly(Settings::default())?;
     draft.validation(&flown)?;
     tell("sensitivities");
-    let study = Study::fly();
+    let study = Study::fly(Settings::default());
     draft.sensitivity(&study);
     draft.document.heading("What makes the lift differ from the paper's");
     let other = groups.iter().find(|group| group.title == other_code::TITLE);

@@ -34,6 +34,15 @@ fn solver_settings_are_options() {
 }
 
 #[test]
+fn reports_go_to_docs_unless_told_otherwise() {
+    for (line, folder) in [("verification", "docs"), ("verification --output elsewhere", "elsewhere")] {
+        let cli = parse(&format!("manduca report {line}")).unwrap();
+        let Command::Report(ReportCommand::Verification(args)) = cli.command else { panic!("report") };
+        assert_eq!(args.output, std::path::Path::new(folder));
+    }
+}
+
+#[test]
 fn every_setting_tells_its_range_and_default() {
     let mut command = Cli::command();
     let simulate = command.find_subcommand_mut("simulate").unwrap();

@@ -8,8 +8,8 @@ use super::scheme::Scheme;
 use super::wing::{Shape, Wing};
 use crate::check::{Expected, Group, Row, Setup};
 
-const LIFTING_LINE: &str = "CL²/(π AR), lifting line";
-const RECTANGULAR: &str = "span efficiency 0.93 to 1.05, Katz & Plotkin, Low-Speed Aerodynamics";
+const LIFTING_LINE: &str = "lifting-line theory (elliptic wing)";
+const RECTANGULAR: &str = "span efficiencies of Katz & Plotkin, Low-Speed Aerodynamics (rectangular wing)";
 
 /// Drag over CL²/(π AR) after a path of so many chords.
 pub fn drag_over_ideal(wing: Wing, path: f64) -> f64 {

@@ -191,7 +191,7 @@ pub fn group() -> Group {
         let flight = Flight::new(settings, 0);
         checks.map(|(what, difference, limit)| Row {
             what: what.to_owned(),
-            source: "exact",
+            source: "exact laws",
             setup,
             expected: Expected::Below(limit),
             got: difference(&flight),
@@ -200,7 +200,8 @@ pub fn group() -> Group {
     Group {
         title: "Invariants",
         about: "The first stroke of a hawkmoth's wing, kinematics without any symmetry: greatest difference of force \
-                and moment at any step over the greatest force and moment. Kelvin: circulation, over the greatest."
+                and moment at any step over the greatest force and moment. Kelvin: circulation, over the greatest. \
+                Fine: cores of 0.05 c, with which a wake that meets the wing again magnifies rounding."
             .to_owned(),
         rows: rows.collect(),
     }

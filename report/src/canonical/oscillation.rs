@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::scheme::Scheme;
 use super::wing::{Wing, level};
 use crate::check::{Expected, Group, Row, Setup};
+use crate::markdown::percent;
 use crate::plot::{Figure, Mark, Panel, Series};
 
 /// Title of the checks.
@@ -155,6 +156,13 @@ fn rows(motion: Motion, setup: Setup, point: (f64, f64, f64)) -> Vec<Row> {
     rows
 }
 
+/// Relative error of the plunging plate's lift on the default lattice and step with small cores.
+fn lattice_error(k: f64) -> f64 {
+    let Some(point) = FUNCTION.iter().find(|p| p.0 == k) else { return f64::NAN };
+    let got = response(Motion::Plunge, k, Scheme::production_without_cores());
+    got.size() / theory(Motion::Plunge, *point).size() - 1.0
+}
+
 /// The checks.
 pub fn group() -> Group {
     let mut work = Vec::new();
@@ -164,13 +172,18 @@ pub fn group() -> Group {
         }
     }
     let stroke = Scheme::production().reduced_frequency();
+    let lattice = |k: f64| percent(lattice_error(k), 1);
     Group {
         title: TITLE,
         about: format!(
             "Lift per span of a plunging and of a pitching plate, amplitude over ρ U² c times the motion's amplitude \
              (h'/U or α), and the thrust of the plunging one, all of it leading-edge suction: \
              C_T = 4π k² (h0/c)² |C(k)|². A hawkmoth's stroke as a whole is an oscillation at k = {stroke:.2}, its \
-             rotation has twice that."
+             rotation has twice that. With small cores on the default lattice and step the plunging plate's lift is off by \
+             {} at k = 0.5, {} at k = 1 and {} at k = 2; the rest is the cores'.",
+            lattice(0.5),
+            lattice(1.0),
+            lattice(2.0),
         ),
         rows: work.into_par_iter().flat_map_iter(|(motion, setup, point)| rows(motion, setup, point)).collect(),
     }

@@ -44,8 +44,8 @@ pub fn group() -> Group {
             got,
         };
         [
-            row(format!("Γ/(U c), N = {panels}"), "π sin α", PI * sine, 1e-10, circulation),
-            row(format!("suction/(½ρU²c), N = {panels}"), "2π sin²α", TAU * sine * sine, 1e-6, suction),
+            row(format!("Γ/(U c), N = {panels}"), "thin aerofoil theory", PI * sine, 1e-10, circulation),
+            row(format!("suction/(½ρU²c), N = {panels}"), "thin aerofoil theory", TAU * sine * sine, 1e-6, suction),
         ]
     });
     Group {

@@ -27,43 +27,39 @@ fn swept(panels: usize, strips: usize, scheme: Scheme) -> f64 {
     Wing { shape: Shape::Straight(PI / 4.0), ..wing }.lift_slope(PATH)
 }
 
-/// One check: name, source, expected value, tolerance.
-type Named = (String, &'static str, f64, f64);
+/// One wing: name, source, expected slope, tolerance, and how it is computed.
+type Case = (&'static str, &'static str, f64, f64, fn(Scheme) -> f64);
 
-/// The checks which do not change with the settings' lattice.
-fn common() -> Vec<(Named, fn(Scheme) -> f64)> {
-    vec![
-        (("aspect ratio 4, extrapolated".into(), JONES_COHEN, 3.63, 0.01), |s| extrapolated(4.0, s)),
-        (("aspect ratio 8, extrapolated".into(), JONES_COHEN, 4.55, 0.01), |s| extrapolated(8.0, s)),
-        (("aspect ratio 4, 6 x 12 panels".into(), KATZ_PLOTKIN, 3.72, 0.005), |s| {
-            Wing::rectangular(4.0, 12, s.with_panels(6)).lift_slope(PATH)
-        }),
-        (("aspect ratio 5, swept 45°, 1 x 4 panels".into(), BERTIN_SMITH, 3.443, 0.005), |s| swept(1, 4, s)),
-        (("aspect ratio 5, swept 45°, 4 x 12 panels".into(), BERTIN_SMITH, 3.27, 0.01), |s| swept(4, 12, s)),
-    ]
-}
+/// Wings with the published lattices.
+const PUBLISHED: [Case; 5] = [
+    ("aspect ratio 4, extrapolated", JONES_COHEN, 3.63, 0.01, |s| extrapolated(4.0, s)),
+    ("aspect ratio 8, extrapolated", JONES_COHEN, 4.55, 0.01, |s| extrapolated(8.0, s)),
+    ("aspect ratio 4, 6 x 12 panels", KATZ_PLOTKIN, 3.72, 0.005, |s| {
+        Wing::rectangular(4.0, 12, s.with_panels(6)).lift_slope(PATH)
+    }),
+    ("aspect ratio 5, swept 45°, 1 x 4 panels", BERTIN_SMITH, 3.443, 0.005, |s| swept(1, 4, s)),
+    ("aspect ratio 5, swept 45°, 4 x 12 panels", BERTIN_SMITH, 3.27, 0.01, |s| swept(4, 12, s)),
+];
 
-/// Wings with the default lattice and step.
-fn default_lattice() -> Vec<(Named, fn(Scheme) -> f64)> {
-    vec![
-        (("aspect ratio 4, default lattice and step".into(), JONES_COHEN, 3.63, 0.01), |s| {
-            Wing::rectangular(4.0, 1, s).with_default_strips().lift_slope(0.5 * PATH)
-        }),
-        (("aspect ratio 8, default lattice and step".into(), JONES_COHEN, 4.55, 0.01), |s| {
-            Wing::rectangular(8.0, 1, s).with_default_strips().lift_slope(0.5 * PATH)
-        }),
-    ]
+/// Wings with the default lattice.
+const DEFAULT: [Case; 2] = [
+    ("aspect ratio 4, default lattice and step", JONES_COHEN, 3.63, 0.01, |s| default_lattice(4.0, s)),
+    ("aspect ratio 8, default lattice and step", JONES_COHEN, 4.55, 0.01, |s| default_lattice(8.0, s)),
+];
+
+fn default_lattice(aspect: f64, scheme: Scheme) -> f64 {
+    Wing::rectangular(aspect, 1, scheme).with_default_strips().lift_slope(0.5 * PATH)
 }
 
 /// The checks.
 pub fn group() -> Group {
     let (fine, production) = (Scheme::fine(1e-3, STEP, 4), Scheme::production());
-    let mut work = Vec::new();
-    work.extend(common().into_iter().map(|(name, slope)| (name, Setup::Fine, slope, fine)));
-    work.extend(common().into_iter().map(|(name, slope)| (name, Setup::Production, slope, production.with_step(STEP))));
-    work.extend(default_lattice().into_iter().map(|(name, slope)| (name, Setup::Production, slope, production)));
-    let rows = work.into_par_iter().map(|((what, source, value, share), setup, slope, scheme)| Row {
-        what,
+    let mut work: Vec<(Case, Setup, Scheme)> = Vec::new();
+    work.extend(PUBLISHED.map(|case| (case, Setup::Fine, fine)));
+    work.extend(PUBLISHED.map(|case| (case, Setup::Production, production.with_step(STEP))));
+    work.extend(DEFAULT.map(|case| (case, Setup::Production, production)));
+    let rows = work.into_par_iter().map(|((what, source, value, share, slope), setup, scheme)| Row {
+        what: what.to_owned(),
         source,
         setup,
         expected: Expected::Within { value, share },

@@ -28,27 +28,36 @@ fn wing(setup: Setup, aspect: f64) -> Wing {
     }
 }
 
-/// Lift coefficient against chords travelled, at 5°.
-fn history(setup: Setup, aspect: f64) -> Vec<(f64, f64)> {
-    wing(setup, aspect).lift(5.0_f64.to_radians(), 8.125)
+/// A wing's start at 5°.
+struct Start {
+    setup: Setup,
+    aspect: f64,
+    published: [f64; 5],
+    /// Lift coefficient against chords travelled.
+    lift: Vec<(f64, f64)>,
 }
 
-/// Histories of both wings at both settings.
-fn histories() -> Vec<(Setup, f64, [f64; 5], Vec<(f64, f64)>)> {
-    let work = Setup::BOTH.into_iter().flat_map(|setup| PUBLISHED.map(|(aspect, lift)| (setup, aspect, lift)));
-    let work: Vec<_> = work.collect();
-    work.into_par_iter().map(|(setup, aspect, lift)| (setup, aspect, lift, history(setup, aspect))).collect()
+/// Both wings at both settings.
+fn starts() -> Vec<Start> {
+    let work: Vec<_> = Setup::BOTH.into_iter().flat_map(|setup| PUBLISHED.map(|wing| (setup, wing))).collect();
+    work.into_par_iter()
+        .map(|(setup, (aspect, published))| {
+            let lift = wing(setup, aspect).lift(5.0_f64.to_radians(), 8.125);
+            Start { setup, aspect, published, lift }
+        })
+        .collect()
 }
 
 /// The checks.
 pub fn group() -> Group {
-    let rows = histories().into_iter().flat_map(|(setup, aspect, published, history)| {
-        TIMES.into_iter().zip(published).map(move |(time, value)| Row {
-            what: format!("aspect ratio {aspect}, U t/c = {time}"),
+    let starts = starts();
+    let rows = starts.iter().flat_map(|start| {
+        TIMES.into_iter().zip(start.published).map(move |(time, value)| Row {
+            what: format!("aspect ratio {}, U t/c = {time}", start.aspect),
             source: SOURCE,
-            setup,
+            setup: start.setup,
             expected: Expected::Within { value, share: if time <= 1.0 { 0.05 } else { 0.03 } },
-            got: interpolated(&history, time),
+            got: interpolated(&start.lift, time),
         })
     });
     Group {
@@ -63,16 +72,17 @@ pub fn group() -> Group {
 
 /// Lift coefficient against chords travelled.
 pub fn figure() -> Figure {
-    let histories = histories();
+    let starts = starts();
     let panel = |aspect: f64| {
         let mut series = Vec::new();
-        for (setup, _, published, history) in histories.iter().filter(|h| h.1 == aspect) {
-            if *setup == Setup::Fine {
-                series.push(Series::new("published", Mark::Points, TIMES.into_iter().zip(*published)));
-            }
-            let mark = if *setup == Setup::Fine { Mark::Line } else { Mark::Dashed };
+        for start in starts.iter().filter(|start| start.aspect == aspect) {
+            let mark = if start.setup == Setup::Fine { Mark::Line } else { Mark::Dashed };
             // The first step holds the start's impulse.
-            series.push(Series::new(setup.name(), mark, history.iter().copied().filter(|p| p.0 >= 0.3)));
+            let lift = start.lift.iter().copied().filter(|p| p.0 >= 0.3);
+            series.push(Series::new(start.setup.name(), mark, lift));
+            if start.setup == Setup::Fine {
+                series.insert(0, Series::new("published", Mark::Points, TIMES.into_iter().zip(start.published)));
+            }
         }
         Panel { x: format!("U t/c, aspect ratio {aspect}"), y: "lift coefficient".into(), series }
     };

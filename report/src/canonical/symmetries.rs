@@ -87,7 +87,7 @@ pub fn group() -> Group {
     ];
     let row = |what: &str, limit, got: Option<f64>| Row {
         what: what.to_owned(),
-        source: "exact",
+        source: "exact laws",
         setup: Setup::Production,
         expected: Expected::Below(limit),
         got: got.unwrap_or(f64::NAN),
