@@ -87,7 +87,7 @@ fn like_with_like(study: &Study, other: &Group) -> Option<String> {
     let middle = 0.5 * (low + high);
     Some(format!(
         "Like with like: public codes keep the suction in the wing's plane. In the flight they share ({}) we have {} mN \
-         with small cores and {} mN at the default settings, against {} to {} mN: {} and {} of the middle. The five \
+         with all cores 0.05 c and {} mN at the default settings, against {} to {} mN: {} and {} of the middle. The five \
          strokes with all suction in the plane change L+ by {} on average.",
         other_code::SHORT,
         fixed(fine.got, 1),
