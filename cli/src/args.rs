@@ -65,6 +65,9 @@ pub enum Command {
     /// Measure this machine.
     #[command(subcommand)]
     Bench(BenchCommand),
+    /// Compute what the numbers are worth and write it as a document.
+    #[command(subcommand)]
+    Report(ReportCommand),
     /// Ask a coordinator whether it is well; exit code 0 if so.
     #[command(hide = true)]
     Healthcheck(HealthcheckArgs),
@@ -281,6 +284,21 @@ pub struct BenchSolverArgs {
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `manduca report ...`.
+#[derive(Debug, Subcommand)]
+pub enum ReportCommand {
+    /// Canonical checks, the published strokes and what they are sensitive to.
+    Verification(ReportArgs),
+}
+
+/// `manduca report verification`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folder of the document and of its `figures`.
+    #[arg(short, long, value_name = "DIR", default_value = "docs")]
+    pub output: PathBuf,
 }
 
 /// `manduca insects`.

@@ -1,6 +1,7 @@
 //! Extended unsteady vortex-lattice method: a rigid thin wing of vortex rings, a
 //! free wake, the other wing by mirror, leading-edge suction turned into lift.
 
+mod first_row;
 mod flapping;
 mod geometry;
 mod influence;
@@ -15,9 +16,10 @@ mod suction;
 mod tail;
 mod wake;
 
-pub use flapping::fly;
+pub use flapping::{fly, solver_of};
 pub use geometry::{Lattice, Planform, Pose};
 pub use loads::WingLoad;
 pub use settings::Settings;
 pub use solver::{Air, Cores, Solver, Suction};
+pub use suction::SuctionFit;
 pub use wake::Rings;

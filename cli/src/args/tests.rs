@@ -12,8 +12,7 @@ fn the_definition_is_sound() {
 
 #[test]
 fn every_command_has_help_and_needs_no_options() {
-    let lines =
-        "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|insects|settings|slot";
+    let lines = "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|report verification|insects|settings|slot";
     for line in lines.split('|') {
         assert!(parse(&format!("manduca {line}")).is_ok(), "{line}");
         let error = parse(&format!("manduca {line} --help")).unwrap_err();
@@ -32,6 +31,15 @@ fn solver_settings_are_options() {
         [("spanwise_panels".into(), 16.0), ("wake_strokes".into(), 2.5)]
     );
     assert_eq!(args.set, [("frequency_hz".to_owned(), 30.0), ("K".to_owned(), -1.0)]);
+}
+
+#[test]
+fn reports_go_to_docs_unless_told_otherwise() {
+    for (line, folder) in [("verification", "docs"), ("verification --output elsewhere", "elsewhere")] {
+        let cli = parse(&format!("manduca report {line}")).unwrap();
+        let Command::Report(ReportCommand::Verification(args)) = cli.command else { panic!("report") };
+        assert_eq!(args.output, std::path::Path::new(folder));
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ mod bench;
 mod dataset;
 mod host;
 mod lists;
+mod report;
 mod run;
 mod serve;
 mod simulate;
@@ -28,6 +29,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command),
+        Command::Report(command) => report::report(&command),
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),
         Command::Slot => Ok(manduca_worker::slot::slot_main()),

@@ -4,6 +4,7 @@ use crate::balance::{Body, Cycle};
 use crate::insect::Insect;
 use crate::kinematics::{Attitude, Stroke, Vector};
 use crate::simulation::{Infeasible, Moment, Simulation, StrokeMean};
+use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
 use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
 
@@ -50,40 +51,48 @@ pub(crate) fn pose(insect: &Insect, attitude: &Attitude) -> Pose {
 
 fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {
     let planform = Planform::of_insect(insect, settings);
-    let dt = stroke.period() / settings.steps_per_stroke as f64;
-    let behind: Vec<f64> = edge_speeds(&planform, stroke)
+    let speeds = edge_speeds(&planform, stroke);
+    solver_of(&planform, settings, insect.mean_chord_m, stroke.period(), &speeds, air)
+}
+
+/// A wing of any planform at these settings, whose lengths count in `chord` (m) and times in
+/// `period` (s); `edge_speeds` is the mean speed of the trailing edge at each station, m/s.
+pub fn solver_of(
+    planform: &Planform,
+    settings: &Settings,
+    chord: f64,
+    period: f64,
+    edge_speeds: &[f64],
+    air: Air,
+) -> Solver {
+    let steps = settings.steps_per_stroke as f64;
+    let behind: Vec<f64> = edge_speeds
         .iter()
         .enumerate()
-        .map(|(k, v)| {
+        .map(|(k, speed)| {
             let panel = (planform.leading[k] - planform.trailing[k]) / settings.chordwise_panels as f64;
-            let row = v * dt;
-            if std::env::var("ROW").is_ok() {
-                crate::uvlm::geometry::first_row(panel / row, settings.first_row) * row
-            } else {
-                settings.first_row * row
-            }
+            first_row(settings.first_row, panel, speed * period / steps)
         })
         .collect();
-    let c = insect.mean_chord_m;
     let cores = Cores {
-        bound: settings.bound_core * c,
-        bound_on_wake: settings.bound_core_on_wake * c,
-        wake_on_wake: settings.wake_core_on_wake * c,
-        fresh_on_wing: settings.fresh_core_on_wing * c,
-        developed_on_wing: settings.wake_core_on_wing * c,
-        spreading: (settings.wake_spreading * c).powi(2) / stroke.period(),
-        growth_time: settings.core_growth_time * stroke.period(),
+        bound: settings.bound_core * chord,
+        bound_on_wake: settings.bound_core_on_wake * chord,
+        wake_on_wake: settings.wake_core_on_wake * chord,
+        fresh_on_wing: settings.fresh_core_on_wing * chord,
+        developed_on_wing: settings.wake_core_on_wing * chord,
+        growth_time: settings.core_growth_time * period,
+        spreading: (settings.wake_spreading * chord).powi(2) / period,
     };
     let suction = Suction { to_lift: settings.suction_to_lift, in_plane: settings.suction_in_plane };
-    let rows = (settings.wake_strokes * settings.steps_per_stroke as f64).round().max(1.0) as usize;
-    let lattice = Lattice::new(&planform, settings.chordwise_panels, &behind);
-    let mut solver = Solver::new(lattice, air, cores, suction, rows);
-    let joined = (settings.wake_joined_after * settings.steps_per_stroke as f64).round() as usize;
-    if joined < rows {
+    let kept = (settings.wake_strokes * steps).round().max(1.0) as usize;
+    let lattice = Lattice::new(planform, settings.chordwise_panels, &behind);
+    let mut solver = Solver::new(lattice, air, cores, suction, kept);
+    let joined = (settings.wake_joined_after * steps).round() as usize;
+    if joined < kept {
         solver = solver.joining_after(joined);
     }
     if settings.wake_tail > 0.0 {
-        solver = solver.with_tail(settings.steps_per_stroke, settings.wake_tail * c);
+        solver = solver.with_tail(settings.steps_per_stroke, settings.wake_tail * chord);
     }
     if settings.single_precision_wake == 1 {
         solver = solver.single_precision_wake();

@@ -40,7 +40,7 @@ impl Planform {
     /// An insect's wing from the root cut-out to the tip; r from the hinge, s from the feathering axis.
     pub fn of_insect(insect: &Insect, settings: &Settings) -> Self {
         let outline = Outline::new(insect);
-        let unit = stations(insect.root_cutout, 1.0, settings.spanwise_panels, settings.spanwise_cosine);
+        let unit = inset_stations(insect.root_cutout, 1.0, settings);
         let edges: Vec<_> = unit.iter().map(|&x| outline.edges(x)).collect();
         Self {
             span: unit.iter().map(|x| x * insect.wing_length_m).collect(),
@@ -53,6 +53,18 @@ impl Planform {
     pub fn strips(&self) -> usize {
         self.span.len() - 1
     }
+}
+
+/// Stations of a wing both of whose ends are free. A lattice of horseshoes or rings
+/// behaves as a wing which reaches a quarter of its end strips beyond it, so its ends
+/// are drawn in by `edge_inset` of a strip (Hough 1973, J. Aircraft 10, 618).
+fn inset_stations(root: f64, tip: f64, settings: &Settings) -> Vec<f64> {
+    let (panels, cosine) = (settings.spanwise_panels, settings.spanwise_cosine);
+    let unit = stations(0.0, 1.0, panels, cosine);
+    // End strips count from the lattice's own ends: inset = share x strip x (length - 2 inset).
+    let share = settings.edge_inset * unit[1];
+    let inset = share * (tip - root) / (1.0 + 2.0 * share);
+    stations(root + inset, tip - inset, panels, cosine)
 }
 
 /// Stations from `root` to `tip`, spacing between uniform (0) and cosine (1).
@@ -193,29 +205,4 @@ impl Pose {
     pub fn normal(&self) -> Vector {
         self.e_c.cross(&self.e_r)
     }
-}
-
-/// Digamma function for x > 0.
-fn digamma(x: f64) -> f64 {
-    let (mut x, mut sum) = (x, 0.0);
-    while x < 8.0 {
-        sum -= 1.0 / x;
-        x += 1.0;
-    }
-    let y = 1.0 / (x * x);
-    sum + crate::math::ln(x) - 0.5 / x - y * (1.0 / 12.0 - y * (1.0 / 120.0 - y / 252.0))
-}
-
-/// first row
-pub fn first_row(ratio: f64, at_one: f64) -> f64 {
-    if !(ratio > 0.0) || ratio > 1e6 {
-        return 0.25;
-    }
-    let want = digamma(at_one + 0.25) + crate::math::ln(ratio);
-    let (mut low, mut high) = (1e-3, 2.0 + ratio);
-    for _ in 0..80 {
-        let middle = 0.5 * (low + high);
-        if digamma(middle) < want { low = middle } else { high = middle }
-    }
-    0.5 * (low + high) - 0.25 * ratio
 }

@@ -16,7 +16,7 @@ table! {
         wake_joined_after: f64 = 20.0, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
         wake_tail: f64 = 0.0, 0.0..=4.0, "c", "radius of the sinks which stand for forgotten wake; 0 leaves them out";
         single_precision_wake: usize = 0, 0..=1, "", "1: velocities of the wake's nodes in single precision";
-        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge, in mean edge displacements per step";
+        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge where a step is as long as a panel, in steps";
         bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
         bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";
         wake_core_on_wake: f64 = 0.7, 0.01..=2.0, "c", "core of the wake as the wake sees it";
@@ -26,6 +26,7 @@ table! {
         wake_spreading: f64 = 0.0, 0.0..=5.0, "c", "core to which all wake would spread in one stroke, growing with the square root of age";
         suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";
         suction_in_plane: f64 = 0.0, 0.0..=1.0, "", "share of the leading-edge suction kept in the wing's plane";
+        edge_inset: f64 = 0.25, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
         spanwise_cosine: f64 = 0.5, 0.0..=1.0, "", "spanwise spacing: 0 uniform, 1 cosine";
     }
 }

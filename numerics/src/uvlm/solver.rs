@@ -73,8 +73,10 @@ impl Cores {
         (self.wake_on_wake.powi(2) + self.spreading * age).sqrt()
     }
 
-    /// Core of wake of an age in seconds as the wing sees it:
-    /// rc² = rn² + (rw² - rn²)(1 - exp(-age/τ)).
+    /// Core of wake of an age in seconds as the wing sees it: with g = 1 - exp(-age/τ),
+    /// rc² = (rn + (rw - rn) g)² + s age g. Near the edge it grows in proportion to
+    /// age, hence to distance; as the root of age it would blur the edge's own wake
+    /// more with every shorter step.
     fn on_wing(&self, age: f64) -> f64 {
         let grown = 1.0 - crate::math::exp(-age / self.growth_time);
         let core = self.fresh_on_wing + (self.developed_on_wing - self.fresh_on_wing) * grown;
@@ -109,7 +111,7 @@ pub struct Solver {
     circulations: Circulations,
     rhs: Vec<f64>,
     /// Circulations of this step and the two before, newest first.
-    history: [Vec<f64>; 4],
+    history: [Vec<f64>; 3],
     rate: Vec<f64>,
     steps: usize,
     /// Collocation points, their mirror images, then the bound segments' middles.
@@ -167,7 +169,7 @@ impl Solver {
             fit: SuctionFit::new(lattice.chordwise),
             circulations,
             rhs: vec![0.0; count],
-            history: [vec![0.0; count], vec![0.0; count], vec![0.0; count], vec![0.0; count]],
+            history: [vec![0.0; count], vec![0.0; count], vec![0.0; count]],
             rate: vec![0.0; count],
             steps: 0,
             near: Points::zeros(3 * count),
@@ -216,9 +218,6 @@ impl Solver {
             self.vorticity.shed(self.steps - 1);
             self.join();
         }
-        if let Ok(v) = std::env::var("VARY") {
-            self.vary(pose, dt, v.parse().unwrap_or(0.25));
-        }
         self.place(pose);
         self.wake_on_wing(dt);
         self.solve(pose)?;
@@ -230,22 +229,6 @@ impl Solver {
         let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
         self.steps += 1;
         load.force.iter().chain(load.moment.iter()).all(|x| x.is_finite()).then_some(load)
-    }
-
-    fn vary(&mut self, pose: &Pose, dt: f64, at_one: f64) {
-        let columns = self.lattice.columns();
-        let m = self.lattice.chordwise;
-        for k in 0..columns {
-            let (q0, q1) = (self.lattice.nodes[k], self.lattice.nodes[(m - 1) * columns + k]);
-            let panel = if m > 1 { (q0.y - q1.y) / (m - 1) as f64 } else { 1.0 };
-            let mut edge = q1;
-            edge.y -= 0.75 * panel;
-            let row = pose.velocity_of(&edge).norm() * dt;
-            let d = crate::uvlm::geometry::first_row(panel / row, at_one) * row;
-            edge.y -= d.max(-0.11 * panel);
-            self.lattice.nodes[m * columns + k] = edge;
-        }
-        self.circulations = Circulations::new(own_influence(&self.lattice, self.cores.bound)).unwrap();
     }
 
     /// Circulations of the last step, front row first, m²/s.
@@ -352,7 +335,7 @@ impl Solver {
         image.fill(&mut self.circulations.image);
         self.interactions += (count * (2 * count + self.lattice.chordwise + self.lattice.strips)) as u64;
         self.history.rotate_right(1);
-        let [now, before, ..] = &mut self.history;
+        let [now, before, _] = &mut self.history;
         now.copy_from_slice(before);
         self.circulations.solve(&self.rhs, now)
     }
@@ -377,13 +360,11 @@ impl Solver {
 
     /// dΓ/dt by backward differences, second order once there are two steps behind.
     fn differentiate(&mut self, dt: f64) {
-        let [now, before, earlier, first] = &self.history;
-        let third = std::env::var("BDF3").is_ok();
+        let [now, before, earlier] = &self.history;
         for (i, rate) in self.rate.iter_mut().enumerate() {
             *rate = match self.steps {
                 0 => 0.0,
                 1 => (now[i] - before[i]) / dt,
-                x if x > 2 && third => (11.0 * now[i] - 18.0 * before[i] + 9.0 * earlier[i] - 2.0 * first[i]) / (6.0 * dt),
                 _ => (3.0 * now[i] - 4.0 * before[i] + earlier[i]) / (2.0 * dt),
             };
         }

@@ -12,9 +12,10 @@ use manduca_tests::program::repository;
 const LONGEST_FILE: usize = 450;
 
 /// Crates a package must not reach, not even through others.
-const FORBIDDEN: [(&str, &[&str]); 4] = [
+const FORBIDDEN: [(&str, &[&str]); 5] = [
     ("manduca-numerics", &["tokio", "axum", "sqlx", "serde", "serde_json", "tracing", "reqwest", "manduca-protocol"]),
     ("manduca-protocol", &["tokio", "axum", "sqlx", "reqwest", "manduca-server", "manduca-worker"]),
+    ("manduca-report", &["tokio", "axum", "sqlx", "serde", "tracing", "reqwest", "clap", "manduca-protocol"]),
     ("manduca-worker", &["sqlx", "axum", "libsqlite3-sys", "manduca-server"]),
     ("manduca-server", &["reqwest", "clap", "manduca-worker"]),
 ];
