@@ -1,9 +1,11 @@
 //! The command line.
 
 mod model;
+mod record;
 mod solver;
 
 pub use model::{Model, ModelArgs};
+pub use record::RecordArgs;
 pub use solver::SolverOptions;
 
 use std::path::PathBuf;
@@ -250,7 +252,9 @@ Examples:
   manduca simulate --case all                      all five strokes of the paper
   manduca simulate --set frequency_hz=30 --set stroke_plane_deg=0
   manduca simulate --spanwise-panels 16 --steps-per-stroke 96 --strokes 12 --json
-  manduca simulate --insect-set wing_mass_kg=0     a wing without inertia")]
+  manduca simulate --insect-set wing_mass_kg=0     a wing without inertia
+  manduca simulate --history lift.csv              lift and power at every step
+  manduca simulate --wake wake.json --wake-steps 7:0,last    the vortex rings of two steps")]
 pub struct SimulateArgs {
     /// Stroke to start from: reference, optimum-1, optimum-2, five-direct, five-ann, or all of them.
     #[arg(long, default_value = "reference", value_parser = model::case_names())]
@@ -258,6 +262,8 @@ pub struct SimulateArgs {
     /// Change one of the ten parameters.
     #[arg(long, value_name = "NAME=VALUE", value_parser = model::assignment)]
     pub set: Vec<(String, f64)>,
+    #[command(flatten)]
+    pub record: RecordArgs,
     #[command(flatten)]
     pub model: ModelArgs,
     /// Print one JSON object; an infeasible stroke is an answer, exit code 0.

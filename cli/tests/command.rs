@@ -2,6 +2,9 @@
 // A test which cannot go on panics.
 #![allow(clippy::unwrap_used)]
 
+#[path = "command/histories.rs"]
+mod histories;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

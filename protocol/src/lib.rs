@@ -1,6 +1,7 @@
 //! Every message of manduca that crosses HTTP, its ids and its errors, and the
 //! one checked conversion ([`resolve`]) into what the science accepts.
 
+pub mod history;
 pub mod ids;
 pub mod point;
 pub mod problem;

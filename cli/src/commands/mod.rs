@@ -4,6 +4,7 @@ mod bench;
 mod dataset;
 mod host;
 mod lists;
+mod record;
 mod run;
 mod serve;
 mod simulate;
