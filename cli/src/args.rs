@@ -177,12 +177,17 @@ pub enum StudyCommand {
 
 /// `manduca study submit`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  manduca study submit my.toml --dry-run    is it right, and how long would it take here?
+  manduca study submit my.toml --wait       submit, follow, print the optimum")]
 pub struct SubmitArgs {
     /// A study file, or a built-in study: quick, paper.
     pub study: String,
     #[command(flatten)]
     pub coordinator: Coordinator,
-    /// Only ask whether it would be accepted and what it would cost.
+    /// Check it here by the coordinator's rules, show every setting, and time a few of its samples
+    /// to say how long sampling would take on this machine. Asks no coordinator, stores nothing.
     #[arg(long, conflicts_with = "wait")]
     pub dry_run: bool,
     /// Follow it to its end and print its optimum.
@@ -280,10 +285,20 @@ pub enum BenchCommand {
 
 /// `manduca bench solver`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Times are of one core; a study uses all. The estimate is that of `study submit --dry-run` for
+a study with the default settings: samples x seconds of a sample / cores.
+
+Examples:
+  manduca bench solver --samples 2000
+  manduca bench solver --scaling        what panels, steps, strokes and wake cost")]
 pub struct BenchSolverArgs {
     /// Samples of the study whose time is estimated.
     #[arg(long, value_name = "N", default_value_t = 5000)]
     pub samples: u32,
+    /// Also show how time and work grow with panels, steps, strokes and rows of wake.
+    #[arg(long)]
+    pub scaling: bool,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,

@@ -2,6 +2,8 @@
 // A test which cannot go on panics.
 #![allow(clippy::unwrap_used)]
 
+#[path = "command/cost.rs"]
+mod cost;
 #[path = "command/histories.rs"]
 mod histories;
 

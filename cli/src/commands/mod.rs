@@ -2,6 +2,7 @@
 
 mod bench;
 mod dataset;
+mod dry_run;
 mod host;
 mod lists;
 mod record;
