@@ -93,8 +93,6 @@ pub fn print(out: &mut Output, rows: &[Row]) -> io::Result<()> {
         ]
     };
     out.table(&header.map(String::from), &rows.iter().map(row).collect::<Vec<_>>())?;
-    out.line(
-        "Strokes cost in proportion, panels along the span and rows of wake by their squares, and steps, \
-         which are rows of wake too, by their cubes.",
-    )
+    out.line("Strokes cost in proportion, panels along the span and rows of wake by their squares;")?;
+    out.line("steps are rows of wake too: by their cubes.")
 }
