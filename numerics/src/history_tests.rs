@@ -2,7 +2,7 @@ use super::*;
 use crate::insect::Insect;
 use crate::parameters::at;
 use crate::quasi_steady;
-use crate::simulation::{BodyVelocity, JointPower, StrokeMean};
+use crate::simulation::{BodyVelocity, StrokeMean};
 
 fn coarse() -> Settings {
     Settings {
@@ -50,14 +50,10 @@ fn assert_means(recorder: &Recorder, number: usize, stroke: &StrokeMean) {
     same("moment", &|s| s.moment_nm, stroke.outputs[2]);
     same("power", &|s| s.joints.iter().map(|j| j.required_w).sum(), stroke.outputs[3]);
     for i in 0..3 {
-        let parts: [(&str, fn(&JointPower) -> f64); 3] = [
-            ("aerodynamic power", |j| j.aerodynamic_w),
-            ("inertial power", |j| j.inertial_w),
-            ("required power", |j| j.required_w),
-        ];
-        for (what, part) in parts {
-            same(what, &|s| part(&s.joints[i]), part(&stroke.joints[i]));
-        }
+        let mean = &stroke.joints[i];
+        same("aerodynamic power", &|s| s.joints[i].aerodynamic_w, mean.aerodynamic_w);
+        same("inertial power", &|s| s.joints[i].inertial_w, mean.inertial_w);
+        same("required power", &|s| s.joints[i].required_w, mean.required_w);
     }
 }
 
