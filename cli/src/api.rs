@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
-use manduca_protocol::view::{DryRun, Page, StudyResult, StudySummary, StudyView};
+use manduca_protocol::view::{Page, StudyResult, StudySummary, StudyView};
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
 
@@ -37,11 +37,6 @@ impl Api {
             request = request.header("idempotency-key", key);
         }
         Ok(http::call::<Named>(request).await.context("cannot submit the study")?.id)
-    }
-
-    /// Whether a study would be accepted.
-    pub async fn dry_run(&self, spec: &StudySpec) -> Result<DryRun, CallError> {
-        http::call(self.http.post("/v1/studies").query(&[("dry_run", "true")]).json(spec)).await
     }
 
     /// All studies, the oldest first.

@@ -1,9 +1,11 @@
 //! The command line.
 
 mod model;
+mod record;
 mod solver;
 
 pub use model::{Model, ModelArgs};
+pub use record::RecordArgs;
 pub use solver::SolverOptions;
 
 use std::path::PathBuf;
@@ -178,12 +180,17 @@ pub enum StudyCommand {
 
 /// `manduca study submit`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  manduca study submit my.toml --dry-run    is it right, and how long would it take here?
+  manduca study submit my.toml --wait       submit, follow, print the optimum")]
 pub struct SubmitArgs {
     /// A study file, or a built-in study: quick, paper.
     pub study: String,
     #[command(flatten)]
     pub coordinator: Coordinator,
-    /// Only ask whether it would be accepted and what it would cost.
+    /// Check it here by the coordinator's rules, show every setting, and time a few of its samples
+    /// to say how long sampling would take on this machine. Asks no coordinator, stores nothing.
     #[arg(long, conflicts_with = "wait")]
     pub dry_run: bool,
     /// Follow it to its end and print its optimum.
@@ -253,7 +260,9 @@ Examples:
   manduca simulate --case all                      all five strokes of the paper
   manduca simulate --set frequency_hz=30 --set stroke_plane_deg=0
   manduca simulate --spanwise-panels 16 --steps-per-stroke 96 --strokes 12 --json
-  manduca simulate --insect-set wing_mass_kg=0     a wing without inertia")]
+  manduca simulate --insect-set wing_mass_kg=0     a wing without inertia
+  manduca simulate --history lift.csv              lift and power at every step
+  manduca simulate --wake wake.json --wake-steps 7:0,last    the vortex rings of two steps")]
 pub struct SimulateArgs {
     /// Stroke to start from: reference, optimum-1, optimum-2, five-direct, five-ann, or all of them.
     #[arg(long, default_value = "reference", value_parser = model::case_names())]
@@ -261,6 +270,8 @@ pub struct SimulateArgs {
     /// Change one of the ten parameters.
     #[arg(long, value_name = "NAME=VALUE", value_parser = model::assignment)]
     pub set: Vec<(String, f64)>,
+    #[command(flatten)]
+    pub record: RecordArgs,
     #[command(flatten)]
     pub model: ModelArgs,
     /// Print one JSON object; an infeasible stroke is an answer, exit code 0.
@@ -277,10 +288,20 @@ pub enum BenchCommand {
 
 /// `manduca bench solver`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Times are of one core; a study uses all. The estimate is that of `study submit --dry-run` for
+a study with the default settings: samples x seconds of a sample / cores.
+
+Examples:
+  manduca bench solver --samples 2000
+  manduca bench solver --scaling        what panels, steps, strokes and wake cost")]
 pub struct BenchSolverArgs {
     /// Samples of the study whose time is estimated.
     #[arg(long, value_name = "N", default_value_t = 5000)]
     pub samples: u32,
+    /// Also show how time and work grow with panels, steps, strokes and rows of wake.
+    #[arg(long)]
+    pub scaling: bool,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,

@@ -3,6 +3,7 @@
 mod api;
 mod args;
 mod commands;
+mod cost;
 mod exit;
 mod follow;
 mod logging;

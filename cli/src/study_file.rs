@@ -5,8 +5,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use manduca_protocol::problem::FieldProblem;
-use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
+use manduca_protocol::{resolve, strict};
 use serde_path_to_error::{Path as FieldPath, Segment};
 
 use crate::exit::refused;
@@ -58,9 +58,11 @@ fn from_toml(text: &str) -> Result<StudySpec, String> {
 
 fn from_json(text: &str) -> Result<StudySpec, String> {
     let mut document = serde_json::Deserializer::from_str(text);
-    let spec = serde_path_to_error::deserialize(&mut document).map_err(|e| {
+    let mut track = serde_path_to_error::Track::new();
+    let tracked = serde_path_to_error::Deserializer::new(&mut document, &mut track);
+    let spec = strict::object(tracked).map_err(|e| {
         // The message of serde_json ends with line and column; the field says more, so it comes first.
-        format!(": {}", FieldProblem::new(pointer(e.path()), e.inner().to_string()))
+        format!(": {}", FieldProblem::new(pointer(&track.path()), e.to_string()))
     })?;
     document.end().map_err(|e| format!(": {e}"))?;
     Ok(spec)
@@ -126,6 +128,19 @@ mod tests {
         assert!(text.contains("/parameters/frequency_hz") && text.contains("[low, high]"), "{text}");
         let text = faults("name = \"x\"\nname = \"y\"\n");
         assert!(text.contains("bad.toml:2: "), "{text}");
+    }
+
+    #[test]
+    fn json_is_read_as_strictly_as_toml() {
+        for (text, told) in [
+            (r#"["a", "", 1, {}, {}, {"samples": 30}, {}, []]"#, "/: invalid type: sequence, expected an object"),
+            (r#"{"name": "a", "sampling": [30, 0]}"#, "/sampling: invalid type: sequence, expected an object"),
+            (r#"{"name": "a", "sampling": {"samples": 30, "samples": 40}}"#, "/sampling: duplicate field `samples`"),
+            (r#"{"name": "a", "sampling": {"samples": 30}} {}"#, "trailing characters"),
+        ] {
+            let fault = from_json(text).unwrap_err();
+            assert!(fault.contains(told), "{text}: {fault}");
+        }
     }
 
     #[test]

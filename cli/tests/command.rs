@@ -2,6 +2,11 @@
 // A test which cannot go on panics.
 #![allow(clippy::unwrap_used)]
 
+#[path = "command/cost.rs"]
+mod cost;
+#[path = "command/histories.rs"]
+mod histories;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

@@ -3,6 +3,7 @@
 
 pub mod balance;
 pub mod cases;
+pub mod history;
 pub mod insect;
 pub mod kinematics;
 pub mod math;

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::strict;
+
 /// A whole study.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -19,18 +21,19 @@ pub struct StudySpec {
     #[serde(default)]
     pub seed: u64,
     /// Insect, aerodynamics and solver settings.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::object")]
     pub model: ModelSpec,
     /// Bounds `[low, high]` or a held value per parameter; the paper's box where left out.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::map")]
     pub parameters: BTreeMap<String, Range>,
     /// How many samples.
+    #[serde(deserialize_with = "strict::object")]
     pub sampling: SamplingSpec,
     /// The neural network.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::object")]
     pub surrogate: SurrogateSpec,
     /// What to optimise on it, in order.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::objects")]
     pub optimisations: Vec<OptimisationSpec>,
 }
 
@@ -75,10 +78,10 @@ pub struct ModelSpec {
     /// Preset the insect starts from: `hawkmoth` or `hawkmoth-f1`.
     pub insect: String,
     /// Changes to the preset, field by field, SI units (`manduca insects` lists them).
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "strict::map")]
     pub insect_changes: BTreeMap<String, f64>,
     /// Settings of the solver which differ from its defaults (`manduca simulate --help` lists them).
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "strict::map")]
     pub solver: BTreeMap<String, f64>,
     /// Sign of the elevation's second harmonic.
     pub elevation_phase: ElevationPhase,
@@ -139,7 +142,7 @@ pub struct OptimisationSpec {
     /// Name, unique in the study.
     pub name: String,
     /// Narrower bounds or held values, inside the study's.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "strict::map")]
     pub parameters: BTreeMap<String, Range>,
     /// Weight r of |1-L+| + |D+| + |M+| (paper Eq. 8).
     #[serde(default = "penalty_r")]

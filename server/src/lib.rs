@@ -6,6 +6,7 @@
 //! two halves, so that tests start the real thing without a socket.
 
 mod app;
+mod check;
 mod clock;
 mod compose;
 mod config;
@@ -26,6 +27,7 @@ mod store;
 mod tests;
 
 pub use app::app;
+pub use check::{Checked, check};
 pub use clock::{Clock, SystemClock};
 pub use config::Config;
 pub use error::ApiError;

@@ -53,6 +53,15 @@ fn every_setting_tells_its_range_and_default() {
 }
 
 #[test]
+fn a_heading_of_the_help_ends_with_its_options() {
+    let mut command = Cli::command();
+    let help = command.find_subcommand_mut("simulate").unwrap().render_help().to_string();
+    let below = |heading: &str| help.split(heading).nth(1).unwrap().split("\n\n").next().unwrap().to_owned();
+    assert!(below("Step by step").contains("--wake-steps") && !below("Step by step").contains("--insect"), "{help}");
+    assert!(below("Options:").contains("--insect"), "{help}");
+}
+
+#[test]
 fn nonsense_is_refused() {
     for line in [
         "run --slots two",

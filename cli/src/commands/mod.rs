@@ -2,8 +2,10 @@
 
 mod bench;
 mod dataset;
+mod dry_run;
 mod host;
 mod lists;
+mod record;
 mod report;
 mod run;
 mod serve;

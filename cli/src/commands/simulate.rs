@@ -6,13 +6,13 @@ use std::time::Instant;
 use anyhow::Result;
 use manduca_numerics::cases::{CASES, Case};
 use manduca_numerics::parameters::{TABLE, index};
-use manduca_numerics::simulation;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::{self, ResolvedModel};
 use manduca_worker::compute;
 use serde::Serialize;
 
+use super::record::Records;
 use crate::args::SimulateArgs;
 use crate::exit::refused;
 use crate::output::Output;
@@ -22,11 +22,12 @@ use crate::render::simulation::{Flown, all, one};
 pub fn simulate(args: &SimulateArgs) -> Result<ExitCode> {
     let model = resolve::model(&args.model.spec(), "").map_err(|faults| told(&faults))?;
     let wanted: Vec<&Case> = CASES.iter().filter(|case| args.case == "all" || case.name == args.case).collect();
+    let records = Records::new(&args.record, wanted.len() > 1)?;
     let mut flown = Vec::new();
     for case in wanted {
         let changed = changed(case, &args.set)?;
         resolve::parameters(&changed, "").map_err(|faults| told(&faults))?;
-        flown.push((fly(&model, case, changed)?, case));
+        flown.push((fly(&model, case, changed, &records)?, case));
     }
     let mut out = Output::stdout();
     match &flown[..] {
@@ -64,9 +65,9 @@ fn changed(case: &Case, set: &[(String, f64)]) -> Result<ParameterValues> {
     Ok(ParameterValues(parameters))
 }
 
-fn fly(model: &ResolvedModel, case: &Case, parameters: ParameterValues) -> Result<Flown> {
+fn fly(model: &ResolvedModel, case: &Case, parameters: ParameterValues, records: &Records) -> Result<Flown> {
     let start = Instant::now();
-    let outcome = compute::outcome(simulation::simulate(&model.simulation(&parameters)))?;
+    let outcome = compute::outcome(records.fly(&model.simulation(&parameters), case.name)?)?;
     let unchanged = (parameters.0 == case.parameters).then_some(case.name);
     Ok(Flown::new(unchanged, parameters, outcome, start.elapsed().as_secs_f64()))
 }

@@ -6,9 +6,10 @@ use anyhow::{Result, bail};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::view::{StudyState, StudyView};
 
+use super::dry_run;
 use crate::api::Api;
 use crate::args::{ListArgs, StudyCommand, SubmitArgs, TargetArgs};
-use crate::exit::{INTERRUPTED, refused};
+use crate::exit::INTERRUPTED;
 use crate::follow::{Followed, follow};
 use crate::output::{Output, note};
 use crate::progress::{glance, span};
@@ -49,20 +50,11 @@ pub async fn optimum(args: TargetArgs) -> Result<ExitCode> {
 
 async fn submit(args: SubmitArgs) -> Result<ExitCode> {
     let spec = study_file::load(&args.study)?;
+    if args.dry_run {
+        return dry_run::dry_run(&args, &spec);
+    }
     let api = Api::new(&args.coordinator.url)?;
     let mut out = Output::stdout();
-    if args.dry_run {
-        let answer = api.dry_run(&spec).await?;
-        if !answer.errors.is_empty() {
-            return Err(refused(study_file::listed(&args.study, &answer.errors)));
-        }
-        if args.json {
-            out.json(&answer)?;
-        } else {
-            out.line(format_args!("{} would be accepted: {} simulations", args.study, answer.simulations))?;
-        }
-        return Ok(ExitCode::SUCCESS);
-    }
     let id = api.submit(&spec, args.idempotency_key.as_deref()).await?;
     if args.wait {
         note(format_args!("study {id}"));

@@ -157,6 +157,12 @@ mod tests {
                 r#"{"name":"a","sampling":{"samples":30},"optimisations":[{"name":"x","penalty_r":[]}]}"#,
                 "/optimisations/0/penalty_r",
             ),
+            (r#"{"name":"a","sampling":[30,0]}"#, "/sampling"),
+            (r#"{"name":"a","sampling":{"samples":30},"optimisations":[["x"]]}"#, "/optimisations/0"),
+            (
+                r#"{"name":"a","sampling":{"samples":30},"model":{"solver":{"strokes":4,"strokes":8}}}"#,
+                "/model/solver/strokes",
+            ),
         ];
         for (json, expected) in cases {
             assert_eq!(pointer_of(json), (expected.to_owned(), 422), "{json}");

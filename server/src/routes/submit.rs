@@ -6,7 +6,6 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::{DryRun, StudyView};
 use serde::Deserialize;
@@ -15,7 +14,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::studies::view;
-use crate::draw::{Drawn, draw_all};
+use crate::check::{Checked, check};
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Params;
@@ -95,19 +94,15 @@ async fn store(state: &AppState, spec: StudySpec, idempotency_key: Option<String
         return Ok(Submitted { id, created: false });
     }
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
-    let drawn = check_and_draw(spec).await?.map_err(ApiError::InvalidStudy)?;
+    let drawn = checked(spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
     let submit =
         Submit { id: StudyId::new(), name, spec: canonical, digest, samples, optimisations, idempotency_key, drawn };
     Ok(state.store().run(submit).await?)
 }
 
-/// The samples of a study, or its faults. Thousands of strokes are looked at: not
-/// on the threads which serve.
-async fn check_and_draw(spec: StudySpec) -> Result<Result<Vec<Drawn>, Vec<FieldProblem>>, ApiError> {
-    let task = tokio::task::spawn_blocking(move || {
-        let resolved = resolve::study(&spec)?;
-        draw_all(&spec, &resolved).map_err(|fault| vec![fault])
-    });
+/// A study checked, or its faults: not on the threads which serve.
+async fn checked(spec: StudySpec) -> Result<Result<Checked, Vec<FieldProblem>>, ApiError> {
+    let task = tokio::task::spawn_blocking(move || check(&spec));
     task.await.map_err(|e| ApiError::Internal(Box::new(e)))
 }
 
@@ -118,9 +113,8 @@ async fn dry_run(body: Result<JsonBody<StudySpec>, ApiError>) -> Result<DryRun, 
         Err(ApiError::InvalidStudy(errors)) => return Ok(DryRun { simulations: 0, errors }),
         Err(other) => return Err(other),
     };
-    let verifications = spec.optimisations.len() as u64;
-    Ok(match check_and_draw(spec).await? {
-        Ok(drawn) => DryRun { simulations: drawn.len() as u64 + verifications, errors: Vec::new() },
+    Ok(match checked(spec).await? {
+        Ok(checked) => DryRun { simulations: checked.simulations(), errors: Vec::new() },
         Err(errors) => DryRun { simulations: 0, errors },
     })
 }

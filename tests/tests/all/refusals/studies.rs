@@ -8,6 +8,9 @@ use super::{JSON, Refusal, study};
 const STUDIES: &str = "/v1/studies";
 const NO_ONE: &str = "00000000-0000-7000-8000-000000000000";
 
+/// A setting twice, with one value.
+const TWICE: &str = r#"{"strokes": 8, "strokes": 8}"#;
+
 /// A good study with a literal put in by hand, for what [`Value`] cannot hold.
 fn with(mark: &str, literal: &str) -> String {
     let text = study(|s| s["model"][mark] = json!("HERE"));
@@ -34,6 +37,15 @@ pub fn syntax() -> Vec<Refusal> {
         Refusal::study("an empty object", "{}", "/name"),
         Refusal::study("an array", "[]", ""),
         Refusal::study("a study by position", r#"["x", "", 1, {}, {}, { "samples": 30 }, {}, []]"#, ""),
+        Refusal::study("a sampling by position", study(|s| s["sampling"] = json!([30, 0])), "/sampling"),
+        Refusal::study("a model by position", study(|s| s["model"] = json!(["uvlm"])), "/model"),
+        Refusal::study("a network by position", study(|s| s["surrogate"] = json!([6, 30])), "/surrogate"),
+        Refusal::study(
+            "an optimisation by position",
+            study(|s| s["optimisations"] = json!([["x"]])),
+            "/optimisations/0",
+        ),
+        Refusal::study("a setting given twice", with("solver", TWICE), "/model/solver/strokes"),
         Refusal::study("a list of studies", format!("[{good}]"), ""),
         Refusal::study("null", "null", ""),
         Refusal::study("a number", "17", ""),

@@ -1,20 +1,29 @@
 //! `manduca bench`: how fast this machine is at what takes the time.
 
+mod memory;
+mod scaling;
+
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use manduca_numerics::cases::CASES;
 use manduca_numerics::insect::Insect;
 use manduca_numerics::kinematics::ElevationPhase;
+use manduca_numerics::parameters::Bounds;
 use manduca_numerics::simulation::{BodyVelocity, Model, SOLVER_VERSION, Simulation, level, simulate};
 use manduca_numerics::uvlm::Settings;
 use manduca_numerics::uvlm::kernel::{Points, induce, interactions};
 use manduca_numerics::uvlm::probe::{Workload, induce_plainly, multiply_adds};
+use manduca_protocol::resolve;
+use manduca_protocol::study::ModelSpec;
 use serde::Serialize;
 
 use crate::args::{BenchCommand, BenchSolverArgs};
+use crate::cost::{self, Cost};
+use crate::exit::refused;
 use crate::output::Output;
+use crate::progress::span;
 
 /// Floating point operations of one segment on one target (a multiply-add counts
 /// two), with its half of a node's distance and of the common division.
@@ -41,10 +50,20 @@ struct SolverReport {
     kernel_share_of_peak: f64,
     case_6x12_s: f64,
     case_8x16_s: f64,
-    production_sample_s: f64,
-    study_samples: u32,
-    cores: usize,
-    study_estimate_s: f64,
+    /// A sample of a study at the default settings, and the whole study.
+    #[serde(flatten)]
+    study: Cost,
+    /// Most memory of a compute slot, MB; none where the system does not tell.
+    slot_peak_rss_mb: Memory,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scaling: Option<Vec<scaling::Row>>,
+}
+
+/// Most memory a slot has had after one flight, MB.
+#[derive(Debug, Serialize)]
+struct Memory {
+    case_8x16: Option<f64>,
+    production_sample: Option<f64>,
 }
 
 /// The middle of three timings, s.
@@ -90,19 +109,29 @@ fn peak() -> f64 {
     operations as f64 / time * 1e-9
 }
 
-/// Wall time of one published stroke at these settings, s.
-fn case(settings: Settings) -> f64 {
-    let simulation = Simulation {
+/// A published stroke.
+fn flight(settings: Settings) -> Simulation {
+    Simulation {
         model: Model::Uvlm(settings),
         insect: Insect::default(),
         parameters: CASES[0].parameters,
         elevation_phase: ElevationPhase::Plus,
         elastic_storage: 0.0,
         body_velocity: BodyVelocity::default(),
-    };
+    }
+}
+
+/// Wall time of one flight, s.
+fn case(settings: Settings) -> f64 {
     median(|| {
-        std::hint::black_box(simulate(&simulation).is_ok());
+        std::hint::black_box(simulate(&flight(settings)).is_ok());
     })
+}
+
+/// A study with the default settings and the paper's box.
+fn default_study(samples: u32) -> Result<Cost> {
+    let model = resolve::model(&ModelSpec::default(), "").map_err(|faults| refused(format!("{faults:?}")))?;
+    cost::measure(&model, &Bounds::default(), 0.0, samples).context("no stroke of the paper's box is feasible")
 }
 
 /// A lattice of the comparison with public codes: the whole wake is kept.
@@ -121,8 +150,7 @@ fn untruncated(chordwise_panels: usize, spanwise_panels: usize, steps_per_stroke
 
 fn solver(args: &BenchSolverArgs) -> Result<ExitCode> {
     let (kernel, plain, peak) = (kernel_rate(), plain_rate(), peak());
-    let sample = case(Settings::default());
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let (small, large) = (untruncated(6, 12, 40, 3), untruncated(8, 16, 60, 4));
     let report = SolverReport {
         level: level(),
         solver_version: SOLVER_VERSION,
@@ -132,12 +160,14 @@ fn solver(args: &BenchSolverArgs) -> Result<ExitCode> {
         kernel_over_plain: kernel / plain,
         fma_peak_f64_gflops: peak,
         kernel_share_of_peak: kernel * OPERATIONS / peak,
-        case_6x12_s: case(untruncated(6, 12, 40, 3)),
-        case_8x16_s: case(untruncated(8, 16, 60, 4)),
-        production_sample_s: sample,
-        study_samples: args.samples,
-        cores,
-        study_estimate_s: f64::from(args.samples) * sample / cores as f64,
+        case_6x12_s: case(small),
+        case_8x16_s: case(large),
+        study: default_study(args.samples)?,
+        slot_peak_rss_mb: Memory {
+            case_8x16: memory::peak_mb(&large)?,
+            production_sample: memory::peak_mb(&Settings::default())?,
+        },
+        scaling: args.scaling.then(|| scaling::measure(&flight(small))),
     };
     let mut out = Output::stdout();
     if args.json {
@@ -151,7 +181,7 @@ fn solver(args: &BenchSolverArgs) -> Result<ExitCode> {
 fn print(out: &mut Output, r: &SolverReport) -> std::io::Result<()> {
     out.line(format_args!("one core, {}, median of three runs", r.level))?;
     let row = |what: &str, value: String| vec![what.to_owned(), value];
-    let hours = r.study_estimate_s / 3600.0;
+    let megabytes = |peak: Option<f64>| peak.map_or_else(|| "-".to_owned(), |mb| format!("{mb:.1}"));
     out.table(
         &["what".to_owned(), "value".to_owned()],
         &[
@@ -162,8 +192,14 @@ fn print(out: &mut Output, r: &SolverReport) -> std::io::Result<()> {
             row("kernel's share of it", format!("{:.2}", r.kernel_share_of_peak)),
             row("6 x 12 panels, 40 steps, 3 strokes, whole wake, s", format!("{:.3}", r.case_6x12_s)),
             row("8 x 16 panels, 60 steps, 4 strokes, whole wake, s", format!("{:.2}", r.case_8x16_s)),
-            row("one sample at the default settings, s", format!("{:.3}", r.production_sample_s)),
-            row(&format!("{} samples on {} cores, h", r.study_samples, r.cores), format!("{hours:.2}")),
+            row("one sample at the default settings, s", format!("{:.3}", r.study.production_sample_s)),
+            row(
+                &format!("{} samples on {} cores", r.study.study_samples, r.study.cores),
+                span(r.study.study_estimate_s),
+            ),
+            row("memory of a slot after 8 x 16, MB", megabytes(r.slot_peak_rss_mb.case_8x16)),
+            row("memory of a slot after a sample, MB", megabytes(r.slot_peak_rss_mb.production_sample)),
         ],
-    )
+    )?;
+    r.scaling.as_deref().map_or(Ok(()), |rows| scaling::print(out, rows))
 }

@@ -1,0 +1,40 @@
+//! A study is checked: by a submission, by a dry run, and by a program which
+//! links this one, all by the same rules.
+
+use manduca_numerics::parameters::Point;
+use manduca_protocol::problem::FieldProblem;
+use manduca_protocol::resolve::{self, ResolvedStudy};
+use manduca_protocol::study::StudySpec;
+
+use crate::draw::{Drawn, draw_all};
+
+/// A study which would be accepted.
+#[derive(Debug, Clone)]
+pub struct Checked {
+    /// Its settings, every default filled in.
+    pub resolved: ResolvedStudy,
+    pub(crate) drawn: Vec<Drawn>,
+}
+
+impl Checked {
+    /// The strokes of its samples, by index.
+    pub fn strokes(&self) -> impl ExactSizeIterator<Item = &Point> {
+        self.drawn.iter().map(|drawn| &drawn.point)
+    }
+
+    /// Simulations it would queue: the samples, and each optimum once more.
+    pub fn simulations(&self) -> u64 {
+        (self.drawn.len() + self.resolved.optimisations.len()) as u64
+    }
+}
+
+/// Checks a study and draws its samples. Thousands of strokes are looked at: not for
+/// a thread which serves.
+///
+/// # Errors
+/// Every fault with its JSON pointer.
+pub fn check(spec: &StudySpec) -> Result<Checked, Vec<FieldProblem>> {
+    let resolved = resolve::study(spec)?;
+    let drawn = draw_all(spec, &resolved).map_err(|fault| vec![fault])?;
+    Ok(Checked { resolved, drawn })
+}
