@@ -312,6 +312,26 @@ pub struct BenchSolverArgs {
 pub enum ReportCommand {
     /// Canonical checks, the published strokes and what they are sensitive to.
     Verification(ReportArgs),
+    /// What the means owe to panels, steps, cores and wake; standard errors; smoothness.
+    Convergence(ConvergenceArgs),
+}
+
+/// `manduca report convergence`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The document in docs/ is of the default numbers, which keep two cores busy for about half an hour.")]
+pub struct ConvergenceArgs {
+    #[command(flatten)]
+    pub report: ReportArgs,
+    /// Random strokes beside the published ones.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub strokes: u64,
+    /// Random strokes whose standard errors are tried.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub errors: u64,
+    /// Random lines along which smoothness is tried.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub lines: u64,
 }
 
 /// `manduca report verification`.

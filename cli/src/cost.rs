@@ -82,7 +82,7 @@ fn whole_samples(model: &ResolvedModel, strokes: &[Point]) -> f64 {
 /// About the time of a sample, from its first stroke; none for blade elements, which take none.
 fn one_stroke(model: &ResolvedModel, stroke: &Point) -> Option<f64> {
     let Model::Uvlm(settings) = &model.model else { return None };
-    let first = uvlm::Settings { strokes: 1, strokes_dropped: 0, ..*settings };
+    let first = uvlm::Settings { strokes: 1, strokes_most: 1, strokes_dropped: 0, ..*settings };
     let taken = flight(&ResolvedModel { model: Model::Uvlm(first), ..*model }, stroke);
     Some(taken * work(settings) / work(&first))
 }
@@ -90,9 +90,12 @@ fn one_stroke(model: &ResolvedModel, stroke: &Point) -> Option<f64> {
 /// Work of a flight in units of its own: each step all rings act on all nodes, while the
 /// wake grows by a row per step until it is as long as it is remembered.
 fn work(settings: &uvlm::Settings) -> f64 {
-    let longest = settings.wake_strokes * settings.steps_per_stroke as f64;
+    let steps = settings.steps_per_stroke as f64;
+    let (kept, joined) = (settings.wake_strokes * steps, settings.wake_joined_after * steps);
+    // Every other row of old wake has been joined to its neighbour.
+    let rows = |step: f64| step.min(joined) + 0.5 * (step.min(kept) - joined).max(0.0);
     let wing = 1.5 * (settings.chordwise_panels + 1) as f64;
-    (0..settings.strokes * settings.steps_per_stroke).map(|step| (wing + longest.min(step as f64)).powi(2)).sum()
+    (0..settings.strokes * settings.steps_per_stroke).map(|step| (wing + rows(step as f64)).powi(2)).sum()
 }
 
 #[cfg(test)]
@@ -109,7 +112,8 @@ mod tests {
 
     #[test]
     fn the_estimate_is_samples_times_time_over_cores() {
-        let tiny = [("chordwise_panels", 2.0), ("spanwise_panels", 3.0), ("steps_per_stroke", 12.0), ("strokes", 3.0)];
+        let tiny =
+            [("chordwise_panels", 2.0), ("spanwise_panels", 3.0), ("steps_per_stroke", 12.0), ("strokes_dropped", 2.0)];
         let cost = measure(&model(&tiny), &Bounds::default(), 0.0, 700).unwrap();
         assert!(cost.production_sample_s > 0.0 && !cost.extrapolated && cost.cores > 0);
         assert_eq!(cost.study_estimate_s, 700.0 * cost.production_sample_s / cost.cores as f64);
@@ -138,8 +142,8 @@ mod tests {
             assert!(flown.is_ok());
             count as f64
         };
-        let first = uvlm::Settings { strokes: 1, strokes_dropped: 0, ..uvlm::Settings::default() };
-        let whole = uvlm::Settings { strokes: 5, ..first };
+        let first = uvlm::Settings { strokes: 1, strokes_most: 1, strokes_dropped: 0, ..uvlm::Settings::default() };
+        let whole = uvlm::Settings { strokes: 5, strokes_most: 5, ..first };
         let (counted, modelled) = (interactions(&whole) / interactions(&first), work(&whole) / work(&first));
         assert!((counted / modelled - 1.0).abs() < 0.15, "{counted} {modelled}");
     }

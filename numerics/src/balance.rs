@@ -52,6 +52,22 @@ impl Body {
         (lift, -forward, hinge_moment - (x * lift - z * forward))
     }
 
+    /// Power at each joint, both wings, from the air's moment on one wing about its hinge.
+    ///
+    /// Torque of the muscles at joint j: τ_j = a_j·(dH/dt - M_air); power of a
+    /// joint max(0, τ_j q_j'), less what a spring returns of the negative part.
+    fn joint_power(&self, angles: &[Angle; 3], attitude: &Attitude, moment: &Vector) -> [JointPower; 3] {
+        let momentum_rate = self.mass.momentum_rate(attitude);
+        std::array::from_fn(|j| {
+            let (axis, rate) = (&attitude.joints[j], angles[j].rate);
+            let aerodynamic_w = -2.0 * moment.dot(axis) * rate;
+            let inertial_w = 2.0 * momentum_rate.dot(axis) * rate;
+            let total = aerodynamic_w + inertial_w;
+            let required_w = total.max(0.0) + self.elastic_storage * total.min(0.0);
+            JointPower { aerodynamic_w, inertial_w, required_w }
+        })
+    }
+
     /// The air as the stroke plane's axes move through it.
     pub fn air(&self) -> Air {
         self.air
@@ -91,9 +107,6 @@ impl<'a> Cycle<'a> {
     }
 
     /// One instant: angles, attitude and the load on one wing about its hinge.
-    ///
-    /// Torque of the muscles at joint j: τ_j = a_j·(dH/dt - M_air); power of a
-    /// joint max(0, τ_j q_j'), less what a spring returns of the negative part.
     pub fn add(&mut self, angles: &[Angle; 3], attitude: &Attitude, load: &WingLoad) -> Snapshot {
         let (tangential, normal) = (2.0 * load.force.x, 2.0 * load.force.z);
         // Nose up turns x towards z: about -y.
@@ -102,32 +115,24 @@ impl<'a> Cycle<'a> {
         self.tangential += tangential;
         self.normal += normal;
         self.hinge_moment += hinge_moment;
-        let momentum_rate = self.body.mass.momentum_rate(attitude);
-        let mut joints = [JointPower::default(); 3];
-        for (i, (axis, angle)) in attitude.joints.iter().zip(angles).enumerate() {
-            let aerodynamic_w = -2.0 * load.moment.dot(axis) * angle.rate;
-            let inertial_w = 2.0 * momentum_rate.dot(axis) * angle.rate;
-            let total = aerodynamic_w + inertial_w;
-            let required_w = total.max(0.0) + self.body.elastic_storage * total.min(0.0);
-            joints[i] = JointPower { aerodynamic_w, inertial_w, required_w };
-            self.joints[i].aerodynamic_w += aerodynamic_w;
-            self.joints[i].inertial_w += inertial_w;
-            self.joints[i].required_w += required_w;
+        let joints = self.body.joint_power(angles, attitude, &load.moment);
+        for (sum, joint) in self.joints.iter_mut().zip(&joints) {
+            sum.add(joint, 1.0);
         }
         let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
         Snapshot { angles: *angles, lift_n: lift, drag_n: drag, moment_nm: moment, joints }
     }
 
-    /// The stroke's means.
+    /// The stroke's means, with the power of its instants.
     pub fn mean(&self) -> StrokeMean {
+        self.mean_with(self.joints.map(|joint| joint.over(self.instants)))
+    }
+
+    /// The stroke's means, with power integrated elsewhere.
+    pub fn mean_with(&self, joints: [JointPower; 3]) -> StrokeMean {
         let n = self.instants as f64;
         let (tangential, normal, hinge_moment) = (self.tangential / n, self.normal / n, self.hinge_moment / n);
         let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
-        let joints = self.joints.map(|j| JointPower {
-            aerodynamic_w: j.aerodynamic_w / n,
-            inertial_w: j.inertial_w / n,
-            required_w: j.required_w / n,
-        });
         let power = joints.iter().map(|j| j.required_w).sum();
         StrokeMean {
             outputs: [lift, drag, moment, power],
@@ -137,4 +142,82 @@ impl<'a> Cycle<'a> {
             joints,
         }
     }
+}
+
+impl JointPower {
+    fn add(&mut self, other: &JointPower, weight: f64) {
+        self.aerodynamic_w += weight * other.aerodynamic_w;
+        self.inertial_w += weight * other.inertial_w;
+        self.required_w += weight * other.required_w;
+    }
+
+    fn over(&self, count: usize) -> Self {
+        let n = count.max(1) as f64;
+        Self { aerodynamic_w: self.aerodynamic_w / n, inertial_w: self.inertial_w / n, required_w: self.required_w / n }
+    }
+}
+
+/// Instants between two steps at which power is taken.
+const BETWEEN: usize = 4;
+
+/// Power integrated on a finer grid than the loads.
+///
+/// The wing's inertia is known at every instant and may turn within a step or two,
+/// where power changes its sign and is cut off at zero; the air's moment in the
+/// wing's own axes is smooth enough for a cubic through four steps.
+#[derive(Debug, Clone)]
+pub struct FinePower<'a> {
+    body: &'a Body,
+    stroke: &'a Stroke,
+    steps_per_stroke: usize,
+    /// The air's moment in the wing's axes at the last four steps, oldest first.
+    moments: [Vector; 4],
+    steps: usize,
+    intervals: usize,
+    joints: [JointPower; 3],
+}
+
+impl<'a> FinePower<'a> {
+    /// Nothing yet.
+    pub fn new(body: &'a Body, stroke: &'a Stroke, steps_per_stroke: usize) -> Self {
+        let moments = [Vector::zeros(); 4];
+        Self { body, stroke, steps_per_stroke, moments, steps: 0, intervals: 0, joints: Default::default() }
+    }
+
+    /// The next step: its attitude and the air's moment on one wing about the hinge.
+    pub fn add(&mut self, attitude: &Attitude, moment: &Vector) {
+        let axes = [attitude.e_r, attitude.e_c, attitude.e_n];
+        self.moments.rotate_left(1);
+        self.moments[3] = Vector::from_fn(|i, _| moment.dot(&axes[i]));
+        self.steps += 1;
+        if self.steps < self.moments.len() {
+            return;
+        }
+        self.intervals += 1;
+        for i in 0..BETWEEN {
+            let share = (i as f64 + 0.5) / BETWEEN as f64;
+            // Between the second and third of the four.
+            let angles = self.stroke.angles(((self.steps - 3) as f64 + share) / self.steps_per_stroke as f64);
+            let attitude = Attitude::new(&angles);
+            let m = cubic(&self.moments, share);
+            let moment = attitude.e_r * m.x + attitude.e_c * m.y + attitude.e_n * m.z;
+            for (sum, joint) in self.joints.iter_mut().zip(self.body.joint_power(&angles, &attitude, &moment)) {
+                sum.add(&joint, 1.0 / BETWEEN as f64);
+            }
+        }
+    }
+
+    /// Mean power since it was last taken.
+    pub fn take(&mut self) -> [JointPower; 3] {
+        let mean = self.joints.map(|joint| joint.over(self.intervals));
+        self.intervals = 0;
+        self.joints = Default::default();
+        mean
+    }
+}
+
+/// Cubic through four values at -1, 0, 1 and 2.
+fn cubic([a, b, c, d]: &[Vector; 4], x: f64) -> Vector {
+    let (p, q, r) = (x + 1.0, x - 1.0, x - 2.0);
+    a * (-x * q * r / 6.0) + b * (p * q * r / 2.0) + c * (-p * x * r / 2.0) + d * (p * x * q / 6.0)
 }

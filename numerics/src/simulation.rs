@@ -7,7 +7,7 @@ use crate::parameters::Point;
 use crate::{quasi_steady, uvlm};
 
 /// Version of the numbers: it changes whenever any result may change.
-pub const SOLVER_VERSION: &str = "1";
+pub const SOLVER_VERSION: &str = "2";
 
 /// Which aerodynamics, with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,12 +161,12 @@ pub fn simulate_watched(
     match &simulation.model {
         Model::Uvlm(settings) => {
             let strokes = uvlm::fly(simulation, settings, watch)?;
-            Ok(Means::over(strokes, settings.strokes_dropped, &simulation.insect))
+            Ok(Means::over(&strokes, settings.strokes_dropped, &simulation.insect))
         }
         // Blade elements have no memory: one stroke is every stroke.
         Model::QuasiSteady(settings) => {
             let stroke = quasi_steady::fly(simulation, settings, &mut |moment| watch(moment, None));
-            Ok(Means::over(vec![stroke], 0, &simulation.insect))
+            Ok(Means::over(&[stroke], 0, &simulation.insect))
         }
     }
 }
@@ -187,7 +187,8 @@ pub fn level() -> &'static str {
 }
 
 impl Means {
-    fn over(strokes: Vec<StrokeMean>, dropped: usize, insect: &Insect) -> Self {
+    /// Means over all strokes but the first `dropped`.
+    pub(crate) fn over(strokes: &[StrokeMean], dropped: usize, insect: &Insect) -> Self {
         let kept = &strokes[dropped.min(strokes.len() - 1)..];
         let estimate = |f: &dyn Fn(&StrokeMean) -> f64| estimate(&kept.iter().map(f).collect::<Vec<_>>());
         let outputs: [Estimate; 4] = std::array::from_fn(|i| estimate(&|s| s.outputs[i]));
@@ -207,7 +208,7 @@ impl Means {
             stroke_axes: [estimate(&|s| s.tangential_n), estimate(&|s| s.normal_n), estimate(&|s| s.hinge_moment_nm)],
             strokes_averaged: kept.len(),
             outputs,
-            strokes,
+            strokes: strokes.to_vec(),
         }
     }
 }
@@ -217,7 +218,9 @@ impl Means {
 /// Successive strokes alternate (the wake of one disturbs the next), so strokes
 /// are paired and the spread of the pairs' means is used; an odd first stroke is
 /// in the mean but in no pair. With fewer than two pairs the strokes themselves
-/// are used, and a single stroke has no standard error to show.
+/// are used, and a single stroke has no standard error to show. Few values give a
+/// poor idea of their own spread: the error is widened by Student's factor, so that
+/// the mean lies within two of it nineteen times in twenty.
 pub fn estimate(strokes: &[f64]) -> Estimate {
     let mean = strokes.iter().sum::<f64>() / strokes.len() as f64;
     let pairs: Vec<f64> = strokes.rchunks_exact(2).map(|p| 0.5 * (p[0] + p[1])).collect();
@@ -228,5 +231,12 @@ pub fn estimate(strokes: &[f64]) -> Estimate {
     }
     let centre = sample.iter().sum::<f64>() / n;
     let variance = sample.iter().map(|x| (x - centre).powi(2)).sum::<f64>() / (n - 1.0);
-    Estimate { mean, se: (variance / n).sqrt() }
+    Estimate { mean, se: (variance / n).sqrt() * student(sample.len() - 1) }
+}
+
+/// Student's two-sided 5 % point over the normal distribution's (1.96), by degrees of freedom.
+fn student(freedom: usize) -> f64 {
+    const POINTS: [f64; 10] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228];
+    let point = POINTS.get(freedom - 1).copied().unwrap_or(1.96 + 2.5 / freedom as f64);
+    point / 1.96
 }

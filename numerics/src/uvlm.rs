@@ -20,6 +20,7 @@ pub use flapping::{fly, solver_of};
 pub use geometry::{Lattice, Planform, Pose};
 pub use loads::WingLoad;
 pub use settings::Settings;
+pub use single::SingleWake;
 pub use solver::{Air, Cores, Solver, Suction};
 pub use suction::SuctionFit;
 pub use wake::Rings;

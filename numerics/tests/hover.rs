@@ -25,7 +25,7 @@ fn fly(parameters: [f64; 10], model: Model) -> Result<Means, Infeasible> {
 /// the means by less than 1 %.
 #[test]
 fn published_strokes() {
-    let settings = Settings { strokes: 4, ..Settings::default() };
+    let settings = Settings { strokes: 6, strokes_most: 6, ..Settings::default() };
     std::thread::scope(|scope| {
         for case in &CASES {
             scope.spawn(move || {
@@ -49,8 +49,14 @@ fn published_strokes() {
 fn chordwise_refinement_keeps_the_lift() {
     let parameters = case("five-ann").expect("known").parameters;
     let lifts = [4, 8, 12].map(|chordwise_panels| {
-        let settings =
-            Settings { chordwise_panels, spanwise_panels: 8, steps_per_stroke: 36, strokes: 4, ..Settings::default() };
+        let settings = Settings {
+            chordwise_panels,
+            spanwise_panels: 8,
+            steps_per_stroke: 36,
+            strokes: 6,
+            strokes_most: 6,
+            ..Settings::default()
+        };
         fly(parameters, Model::Uvlm(settings)).expect("feasible").scaled.map(|e| e.mean)
     });
     for output in [0, 3] {
@@ -77,8 +83,7 @@ fn quasi_steady_reference() {
 fn random_strokes_are_calm() {
     let insect = Insect::default();
     let clearance = manduca_numerics::kinematics::Clearance::new(&insect, ElevationPhase::Plus);
-    let settings =
-        Settings { chordwise_panels: 6, spanwise_panels: 6, steps_per_stroke: 24, strokes: 6, ..Settings::default() };
+    let settings = Settings { chordwise_panels: 6, spanwise_panels: 6, steps_per_stroke: 24, ..Settings::default() };
     let mut errors: Vec<f64> = (0..24)
         .map(|i| {
             let x = sample(&Bounds::default(), 5, i, &|x| clearance.of(x) >= 0.0).expect("feasible points exist");

@@ -15,6 +15,7 @@ fn coarse() -> Settings {
         spanwise_panels: 6,
         steps_per_stroke: 24,
         strokes: 3,
+        strokes_most: 3,
         strokes_dropped: 1,
         ..Settings::default()
     }
@@ -68,7 +69,7 @@ fn fore_aft_mirror() {
     mirrored[at::SWEEP_MEAN] *= -1.0;
     mirrored[at::ROTATION_MEAN] *= -1.0;
     let fly = |parameters| {
-        let settings = Settings { strokes: 14, strokes_dropped: 4, wake_strokes: 1.0, ..coarse() };
+        let settings = Settings { strokes: 14, strokes_most: 14, strokes_dropped: 4, wake_strokes: 1.0, ..coarse() };
         simulate(&Simulation { model: Model::Uvlm(settings), ..simulation(parameters) }).expect("feasible")
     };
     let (a, b) = (fly(STROKE), fly(mirrored));

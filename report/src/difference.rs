@@ -123,6 +123,7 @@ mod tests {
             spanwise_panels: 4,
             steps_per_stroke: 16,
             strokes: 2,
+            strokes_most: 2,
             strokes_dropped: 1,
             ..Settings::default()
         };

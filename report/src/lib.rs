@@ -7,6 +7,7 @@
 
 pub mod canonical;
 pub mod check;
+pub mod convergence;
 pub mod difference;
 pub mod flights;
 pub mod markdown;

@@ -225,6 +225,7 @@ mod tests {
             spanwise_panels: 6,
             steps_per_stroke: 24,
             strokes: 3,
+            strokes_most: 3,
             strokes_dropped: 1,
             ..Settings::default()
         };

@@ -161,6 +161,8 @@ mod tests {
             spanwise_panels: 6,
             steps_per_stroke: 24,
             strokes: 4,
+            strokes_most: 4,
+            strokes_dropped: 2,
             ..Settings::default()
         };
         let flown = fly(coarse).unwrap();

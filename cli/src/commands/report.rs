@@ -3,6 +3,8 @@
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use manduca_report::convergence::{self, Effort};
+use manduca_report::output::Report;
 use manduca_report::verification;
 
 use crate::args::{ReportArgs, ReportCommand};
@@ -11,12 +13,18 @@ use crate::output::{Output, note};
 /// Computes a report and writes it.
 pub fn report(command: &ReportCommand) -> Result<ExitCode> {
     match command {
-        ReportCommand::Verification(args) => verification(args),
+        ReportCommand::Verification(args) => {
+            write(args, verification::compute(&mut |step| note(step)).context("the verification failed")?)
+        }
+        ReportCommand::Convergence(args) => {
+            let effort = Effort { strokes: args.strokes, errors: args.errors, lines: args.lines };
+            let report = convergence::compute(effort, &mut |step| note(step)).context("the study failed")?;
+            write(&args.report, report)
+        }
     }
 }
 
-fn verification(args: &ReportArgs) -> Result<ExitCode> {
-    let report = verification::compute(&mut |step| note(step)).context("the verification failed")?;
+fn write(args: &ReportArgs, report: Report) -> Result<ExitCode> {
     let mut out = Output::stdout();
     for path in report.write(&args.output).with_context(|| format!("cannot write to {}", args.output.display()))? {
         out.line(path.display())?;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::{json, outcome};
 
 /// A flight of a moment: 3 strokes of 12 steps, a wake of one stroke.
-const TINY: [&str; 16] = [
+const TINY: [&str; 20] = [
     "simulate",
     "--json",
     "--chordwise-panels",
@@ -19,8 +19,12 @@ const TINY: [&str; 16] = [
     "12",
     "--strokes",
     "3",
+    "--strokes-most",
+    "3",
     "--strokes-dropped",
     "1",
+    "--wake-joined-after",
+    "20",
     "--wake-strokes",
     "1",
     "--elastic-storage",
@@ -59,16 +63,16 @@ fn a_history_has_a_row_per_step_and_the_means_of_the_flight() {
     assert_eq!(rows.len(), 36);
     assert_eq!((number(&rows[13]["stroke"]), number(&rows[13]["step"])), (2.0, 1.0));
     let kept = &rows[12..];
-    for (name, mean) in
-        [("lift_n", "lift_n"), ("drag_n", "drag_n"), ("pitch_moment_nm", "pitch_moment_nm"), ("power_w", "power_w")]
-    {
+    for (name, mean) in [("lift_n", "lift_n"), ("drag_n", "drag_n"), ("pitch_moment_nm", "pitch_moment_nm")] {
         let values: Vec<f64> = kept.iter().map(|row| number(&row[name])).collect();
         let scale = values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let averaged = values.iter().sum::<f64>() / values.len() as f64;
         assert!((averaged - number(&flown["means"][mean]["mean"])).abs() <= 1e-12 * scale, "{name}");
     }
     let sweep = kept.iter().map(|row| number(&row["sweep_required_w"])).sum::<f64>() / kept.len() as f64;
-    assert!((sweep / number(&flown["joints"]["sweep"]["required_w"]) - 1.0).abs() < 1e-12);
+    // The mean is of instants between the steps too, and twelve steps are few.
+    let ratio = sweep / number(&flown["joints"]["sweep"]["required_w"]);
+    assert!((0.8..1.25).contains(&ratio), "{ratio}");
 }
 
 #[test]

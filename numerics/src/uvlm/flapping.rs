@@ -1,9 +1,9 @@
 //! A hovering stroke flown by the vortex lattice.
 
-use crate::balance::{Body, Cycle};
+use crate::balance::{Body, Cycle, FinePower};
 use crate::insect::Insect;
 use crate::kinematics::{Attitude, Stroke, Vector};
-use crate::simulation::{Infeasible, Moment, Simulation, StrokeMean};
+use crate::simulation::{Infeasible, Means, Moment, Simulation, StrokeMean};
 use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
 use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
@@ -22,20 +22,41 @@ pub fn fly(
     let body = Body::new(simulation, &stroke);
     let mut solver = solver(insect, settings, &stroke, body.air());
     let dt = stroke.period() / settings.steps_per_stroke as f64;
+    let mut power = FinePower::new(&body, &stroke, settings.steps_per_stroke);
     let mut means = Vec::with_capacity(settings.strokes);
-    for number in 1..=settings.strokes {
+    while wants_more(&means, settings, insect) {
+        let number = means.len() + 1;
         let mut cycle = Cycle::new(&body);
         for step in 0..settings.steps_per_stroke {
             let angles = stroke.angles(step as f64 / settings.steps_per_stroke as f64);
             let attitude = Attitude::new(&angles);
             let load = solver.step(&pose(insect, &attitude), dt).ok_or(Infeasible::BlowUp { stroke: number })?;
+            power.add(&attitude, &load.moment);
             let snapshot = cycle.add(&angles, &attitude, &load);
             let phase = step as f64 / settings.steps_per_stroke as f64;
             watch(&Moment { stroke: number, step, phase, snapshot }, Some(&solver));
         }
-        means.push(cycle.mean());
+        means.push(cycle.mean_with(power.take()));
     }
     Ok(means)
+}
+
+/// Whether another stroke is to be flown: all strokes asked for, then pairs of
+/// strokes until the standard errors are small enough or patience ends. Forces count
+/// in stroke-plane axes, so that the tilt of the stroke plane decides nothing.
+fn wants_more(flown: &[StrokeMean], settings: &Settings, insect: &Insect) -> bool {
+    let extra = flown.len().saturating_sub(settings.strokes);
+    if flown.len() < settings.strokes || extra % 2 == 1 {
+        return true;
+    }
+    if flown.len() + 2 > settings.strokes_most {
+        return false;
+    }
+    let means = Means::over(flown, settings.strokes_dropped, insect);
+    let weight = insect.scales()[0];
+    let [tangential, normal, _] = means.stroke_axes.map(|e| e.se / weight);
+    let [_, _, moment, power] = means.scaled.map(|e| e.se);
+    [tangential, normal, moment, power].iter().any(|se| *se > settings.standard_error)
 }
 
 /// A hinged wing at an attitude.

@@ -37,6 +37,19 @@ impl Planform {
         }
     }
 
+    /// The same with its tip drawn in by a share of the last strip (see [`crate::uvlm::Settings`],
+    /// `edge_inset`); straight edges stay where they are.
+    pub fn drawn_in(mut self, share: f64) -> Self {
+        let (root, last) = (self.span[0], self.span.len() - 1);
+        let strip = (self.span[last] - self.span[last - 1]) / (self.span[last] - root);
+        let factor = 1.0 / (1.0 + share * strip);
+        for values in [&mut self.span, &mut self.leading, &mut self.trailing] {
+            let first = values[0];
+            values.iter_mut().for_each(|v| *v = first + (*v - first) * factor);
+        }
+        self
+    }
+
     /// An insect's wing from the root cut-out to the tip; r from the hinge, s from the feathering axis.
     pub fn of_insect(insect: &Insect, settings: &Settings) -> Self {
         let outline = Outline::new(insect);

@@ -9,30 +9,32 @@ table! {
     pub struct Settings {
         chordwise_panels: usize = 8, 1..=32, "", "panels along the chord";
         spanwise_panels: usize = 10, 1..=48, "", "panels along one wing";
-        steps_per_stroke: usize = 48, 8..=720, "", "time steps per stroke";
-        strokes: usize = 8, 1..=200, "", "strokes flown, from rest";
-        strokes_dropped: usize = 2, 0..=100, "", "first strokes left out of the means (the wake builds up)";
-        wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered";
-        wake_joined_after: f64 = 20.0, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
-        wake_tail: f64 = 0.0, 0.0..=4.0, "c", "radius of the sinks which stand for forgotten wake; 0 leaves them out";
-        single_precision_wake: usize = 0, 0..=1, "", "1: velocities of the wake's nodes in single precision";
-        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge where a step is as long as a panel, in steps";
+        steps_per_stroke: usize = 64, 8..=720, "", "time steps per stroke";
+        strokes: usize = 10, 1..=200, "", "strokes flown, from rest, at least";
+        strokes_dropped: usize = 4, 0..=100, "", "first strokes left out of the means (the wake builds up)";
+        strokes_most: usize = 20, 1..=400, "", "strokes flown at most: two more at a time while a standard error is above `standard_error`";
+        standard_error: f64 = 0.005, 0.0..=1.0, "", "standard error of L+, D+, M+ and P+ at which no more strokes are flown";
+        wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered ring by ring";
+        wake_joined_after: f64 = 0.5, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
+        wake_tail: f64 = 2.0, 0.0..=6.0, "c", "radius of the sinks which stand for the wake forgotten; 0 leaves them out";
+        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge where a step is as long as a panel";
+        edge_inset: f64 = 0.2, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
         bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
         bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";
-        wake_core_on_wake: f64 = 0.7, 0.01..=2.0, "c", "core of the wake as the wake sees it";
-        wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core of the developed wake as the wing sees it";
+        wake_core_on_wake: f64 = 0.25, 0.01..=2.0, "c", "core of wake just shed as the wake sees it";
+        wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core to which fresh wake develops as the wing sees it";
         fresh_core_on_wing: f64 = 0.01, 1e-6..=2.0, "c", "core of the wake just shed as the wing sees it";
         core_growth_time: f64 = 0.2, 0.001..=10.0, "strokes", "time in which the core seen by the wing develops";
-        wake_spreading: f64 = 0.0, 0.0..=5.0, "c", "core to which all wake would spread in one stroke, growing with the square root of age";
+        wake_spreading: f64 = 1.0, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
         suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";
         suction_in_plane: f64 = 0.0, 0.0..=1.0, "", "share of the leading-edge suction kept in the wing's plane";
-        edge_inset: f64 = 0.25, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
         spanwise_cosine: f64 = 0.5, 0.0..=1.0, "", "spanwise spacing: 0 uniform, 1 cosine";
+        single_precision_wake: usize = 1, 0..=1, "", "1: velocities of the wake's nodes in single precision, 0: in double";
     }
 }
 
 impl Settings {
-    /// Strokes which enter the means.
+    /// Strokes which enter the means, at least.
     pub fn strokes_kept(&self) -> usize {
         self.strokes.saturating_sub(self.strokes_dropped)
     }

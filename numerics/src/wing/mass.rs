@@ -25,9 +25,15 @@ impl WingMass {
     /// For an insect's wing.
     pub fn new(insect: &Insect) -> Self {
         let outline = Outline::new(insect);
+        let chords: Vec<(f64, f64)> = outline.samples().collect();
         let gyration = |kappa: f64| {
-            let mass = outline.integrate(|x, _| exp(-kappa * x));
-            (outline.integrate(|x, _| x * x * exp(-kappa * x)) / mass).sqrt()
+            let (mut mass, mut second) = (0.0, 0.0);
+            for (x, weight) in &chords {
+                let m = weight * exp(-kappa * x);
+                mass += m;
+                second += x * x * m;
+            }
+            (second / mass).sqrt()
         };
         // The radius of gyration falls as κ grows: bisection over a range wider than any wing's.
         let (mut low, mut high) = (-60.0, 60.0);

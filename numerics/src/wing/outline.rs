@@ -39,19 +39,21 @@ impl Outline {
         (self.axis * chord, (self.axis - 1.0) * chord)
     }
 
-    /// Integral over the span of `f(x) chord(x)`, x from 0 to 1 (midpoint rule in
-    /// an angle, which removes the root singularities at both ends).
+    /// Integral over the span of `f(x) chord(x)`, x from 0 to 1.
     pub fn integrate(&self, f: impl Fn(f64, f64) -> f64) -> f64 {
+        self.samples().map(|(x, weight)| f(x, self.chord(x)) * weight).sum()
+    }
+
+    /// Places x and weights chord(x) dx of the integral over the span (midpoint rule
+    /// in an angle, which removes the root singularities at both ends).
+    pub fn samples(&self) -> impl Iterator<Item = (f64, f64)> {
         const POINTS: usize = 4000;
         let step = std::f64::consts::PI / POINTS as f64;
-        (0..POINTS)
-            .map(|i| {
-                let (s, c) = crate::math::sin_cos((i as f64 + 0.5) * step);
-                let x = 0.5 * (1.0 - c);
-                let chord = self.chord(x);
-                f(x, chord) * chord * 0.5 * s * step
-            })
-            .sum()
+        (0..POINTS).map(move |i| {
+            let (s, c) = crate::math::sin_cos((i as f64 + 0.5) * step);
+            let x = 0.5 * (1.0 - c);
+            (x, self.chord(x) * 0.5 * s * step)
+        })
     }
 }
 

@@ -12,9 +12,14 @@ use crate::check::{Expected, Group, Row, Setup};
 
 /// A stroke without symmetry of its own.
 pub const STROKE: Point = [26.0, 15.0, -6.0, 3.0, 8.0, 55.0, 7.0, 55.0, 0.3, 1.3];
-/// Strokes flown: the wake of the first meets the wing again in the second half.
-const STROKES: f64 = 1.0;
-const ROUNDING: f64 = 1e-8;
+/// Strokes flown: just so many that the wing comes back to its wake, which with small
+/// cores magnifies rounding.
+const STROKES: f64 = 0.75;
+
+/// What rounding may do: at the default settings the wake moves in single precision.
+fn rounding(settings: &Settings) -> f64 {
+    if settings.single_precision_wake == 1 { 1e-6 } else { 1e-8 }
+}
 
 /// A hawkmoth's wing flown along given poses.
 struct Flight {
@@ -147,7 +152,9 @@ fn axes(flight: &Flight) -> f64 {
 /// bound circulation and shed starting vortices add up to nothing. Greatest
 /// difference over the greatest circulation.
 fn kelvin(flight: &Flight) -> f64 {
-    let mut solver = flight.solver(still());
+    // Joined rings carry a mean of what was shed.
+    let settings = Settings { wake_joined_after: 20.0, ..flight.settings };
+    let mut solver = Flight::new(settings, 0).solver(still());
     let strips = solver.lattice().strips;
     // Trailing-edge circulation of every step, newest first.
     let mut shed: Vec<Vec<f64>> = Vec::new();
@@ -175,13 +182,13 @@ fn kelvin(flight: &Flight) -> f64 {
 
 /// The checks.
 pub fn group() -> Group {
-    type Check = (&'static str, fn(&Flight) -> f64, f64);
+    type Check = (&'static str, fn(&Flight) -> f64, fn(&Settings) -> f64);
     let checks: [Check; 5] = [
-        ("motion turned by 0.7 rad in the plane of symmetry", rotation, ROUNDING),
-        ("motion seen in a mirror, fore and aft", mirror, ROUNDING),
-        ("seven strokes later, six wing lengths away", shift, ROUNDING),
-        ("wing flies or its axes do (0.85 m/s)", axes, ROUNDING),
-        ("Kelvin: bound circulation and starting vortices", kelvin, 1e-12),
+        ("motion turned by 0.7 rad in the plane of symmetry", rotation, rounding),
+        ("motion seen in a mirror, fore and aft", mirror, rounding),
+        ("seven strokes later, six wing lengths away", shift, rounding),
+        ("wing flies or its axes do (0.85 m/s)", axes, rounding),
+        ("Kelvin: bound circulation and starting vortices", kelvin, |_| 1e-12),
     ];
     let schemes = [
         (Setup::Fine, Scheme::fine(0.05, 0.125, Settings::default().chordwise_panels).settings),
@@ -193,15 +200,16 @@ pub fn group() -> Group {
             what: what.to_owned(),
             source: "exact laws",
             setup,
-            expected: Expected::Below(limit),
+            expected: Expected::Below(limit(&settings)),
             got: difference(&flight),
         })
     });
     Group {
         title: "Invariants",
-        about: "The first stroke of a hawkmoth's wing, kinematics without any symmetry: greatest difference of force \
+        about: "Three quarters of the first stroke of a hawkmoth's wing, kinematics without any symmetry: greatest difference of force \
                 and moment at any step over the greatest force and moment. Kelvin: circulation, over the greatest. \
-                Fine: cores of 0.05 c, with which a wake that meets the wing again magnifies rounding."
+                Fine: cores of 0.05 c, with which a wake that meets the wing again magnifies rounding; default: the \
+                wake moves in single precision."
             .to_owned(),
         rows: rows.collect(),
     }

@@ -18,6 +18,7 @@ fn coarse() -> Settings {
         spanwise_panels: 6,
         steps_per_stroke: 24,
         strokes: 3,
+        strokes_most: 3,
         strokes_dropped: 1,
         ..Settings::default()
     }
@@ -55,7 +56,7 @@ fn fore_aft() -> Option<f64> {
     let mut parameters = STROKE;
     parameters[at::SWEEP_MEAN] *= -1.0;
     parameters[at::ROTATION_MEAN] *= -1.0;
-    let settings = Settings { strokes: 14, strokes_dropped: 4, wake_strokes: 1.0, ..coarse() };
+    let settings = Settings { strokes: 14, strokes_most: 14, strokes_dropped: 4, wake_strokes: 1.0, ..coarse() };
     let (a, b) = (fly(STROKE, settings)?, fly(parameters, settings)?);
     let (along, normal) =
         (a.stroke_axes[0].mean + b.stroke_axes[0].mean, a.stroke_axes[1].mean - b.stroke_axes[1].mean);

@@ -26,6 +26,8 @@ pub struct Wing {
     pub strips: usize,
     /// Spanwise spacing: 0 uniform, 1 cosine.
     pub cosine: f64,
+    /// How far the tip of the lattice is drawn in, in widths of the last strip.
+    pub inset: f64,
     /// Share of the leading-edge suction in the wing's plane.
     pub in_plane: f64,
     /// Chordwise panels, cores, time step.
@@ -35,7 +37,7 @@ pub struct Wing {
 impl Wing {
     /// A rectangular wing with uniform strips.
     pub fn rectangular(aspect: f64, strips: usize, scheme: Scheme) -> Self {
-        Self { aspect, shape: Shape::Straight(0.0), strips, cosine: 0.0, in_plane: 0.0, scheme }
+        Self { aspect, shape: Shape::Straight(0.0), strips, cosine: 0.0, inset: 0.0, in_plane: 0.0, scheme }
     }
 
     /// A wing as good as infinite.
@@ -46,7 +48,8 @@ impl Wing {
     /// The same with the lattice of the default settings along the span too.
     pub fn with_default_strips(self) -> Self {
         let settings = self.scheme.settings;
-        Self { strips: settings.spanwise_panels, cosine: settings.spanwise_cosine, ..self }
+        let (strips, cosine) = (settings.spanwise_panels, settings.spanwise_cosine);
+        Self { strips, cosine, inset: settings.edge_inset, ..self }
     }
 
     /// Area of one half, chords².
@@ -57,10 +60,11 @@ impl Wing {
     /// The outline by stations.
     pub fn planform(&self) -> Planform {
         let tip = 0.5 * self.aspect;
+        let straight = |sweep| Planform::straight(0.0, tip, 1.0, sweep, self.strips, self.cosine).drawn_in(self.inset);
         match self.shape {
-            Shape::Straight(sweep) => Planform::straight(0.0, tip, 1.0, sweep, self.strips, self.cosine),
+            Shape::Straight(sweep) => straight(sweep),
             Shape::Elliptic => {
-                let mut planform = Planform::straight(0.0, tip, 1.0, 0.0, self.strips, self.cosine);
+                let mut planform = straight(0.0);
                 let chords = planform.span.iter().map(|y| 1.0 - (y / tip).powi(2));
                 let chords: Vec<f64> = chords.map(|c| 4.0 / std::f64::consts::PI * c.max(0.0).sqrt()).collect();
                 planform.leading = chords.iter().map(|c| 0.25 * c).collect();

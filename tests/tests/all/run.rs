@@ -93,7 +93,7 @@ fn a_broken_study_is_refused_with_file_field_and_reason() {
 fn simulate(more: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let mut arguments = vec!["simulate", "--case", "reference", "--json", "--chordwise-panels", "3"];
-    arguments.extend(["--spanwise-panels", "4", "--steps-per-stroke", "12", "--strokes", "3"]);
+    arguments.extend(["--spanwise-panels", "4", "--steps-per-stroke", "12", "--strokes", "3", "--strokes-most", "3"]);
     arguments.extend(["--strokes-dropped", "1", "--wake-strokes", "0.75"]);
     arguments.extend(more);
     one_object(&outcome(folder.path(), &arguments))

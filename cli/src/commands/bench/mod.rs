@@ -12,9 +12,9 @@ use manduca_numerics::insect::Insect;
 use manduca_numerics::kinematics::ElevationPhase;
 use manduca_numerics::parameters::Bounds;
 use manduca_numerics::simulation::{BodyVelocity, Model, SOLVER_VERSION, Simulation, level, simulate};
-use manduca_numerics::uvlm::Settings;
 use manduca_numerics::uvlm::kernel::{Points, induce, interactions};
 use manduca_numerics::uvlm::probe::{Workload, induce_plainly, multiply_adds};
+use manduca_numerics::uvlm::{Settings, SingleWake};
 use manduca_protocol::resolve;
 use manduca_protocol::study::ModelSpec;
 use serde::Serialize;
@@ -42,8 +42,8 @@ struct SolverReport {
     level: &'static str,
     solver_version: &'static str,
     kernel_f64_ginteractions_s: f64,
-    /// There is no single-precision path.
-    kernel_f32_ginteractions_s: Option<f64>,
+    /// Of the wake on itself in single precision, with the copies to and fro.
+    kernel_f32_ginteractions_s: f64,
     plain_f64_ginteractions_s: f64,
     kernel_over_plain: f64,
     fma_peak_f64_gflops: f64,
@@ -82,6 +82,16 @@ fn kernel_rate() -> f64 {
     let mut velocity = Points::zeros(work.targets.len());
     let repeats = 40;
     let time = median(|| (0..repeats).for_each(|_| induce(&work.sheet(), &work.targets, &mut velocity)));
+    std::hint::black_box(&velocity);
+    interactions(&work.sheet(), &work.targets) as f64 * f64::from(repeats) / time * 1e-9
+}
+
+fn single_rate() -> f64 {
+    let work = Workload::new(97, 11);
+    let mut velocity = Points::zeros(work.targets.len());
+    let mut wake = SingleWake::default();
+    let repeats = 40;
+    let time = median(|| (0..repeats).for_each(|_| wake.induce(&work.sheet(), &work.targets, &mut velocity)));
     std::hint::black_box(&velocity);
     interactions(&work.sheet(), &work.targets) as f64 * f64::from(repeats) / time * 1e-9
 }
@@ -134,7 +144,7 @@ fn default_study(samples: u32) -> Result<Cost> {
     cost::measure(&model, &Bounds::default(), 0.0, samples).context("no stroke of the paper's box is feasible")
 }
 
-/// A lattice of the comparison with public codes: the whole wake is kept.
+/// A lattice of the comparison with public codes: the whole wake is kept, in double precision.
 fn untruncated(chordwise_panels: usize, spanwise_panels: usize, steps_per_stroke: usize, strokes: usize) -> Settings {
     let wake_strokes = strokes as f64;
     Settings {
@@ -143,7 +153,11 @@ fn untruncated(chordwise_panels: usize, spanwise_panels: usize, steps_per_stroke
         steps_per_stroke,
         strokes,
         strokes_dropped: strokes - 1,
+        strokes_most: strokes,
         wake_strokes,
+        wake_joined_after: wake_strokes,
+        wake_tail: 0.0,
+        single_precision_wake: 0,
         ..Settings::default()
     }
 }
@@ -155,7 +169,7 @@ fn solver(args: &BenchSolverArgs) -> Result<ExitCode> {
         level: level(),
         solver_version: SOLVER_VERSION,
         kernel_f64_ginteractions_s: kernel,
-        kernel_f32_ginteractions_s: None,
+        kernel_f32_ginteractions_s: single_rate(),
         plain_f64_ginteractions_s: plain,
         kernel_over_plain: kernel / plain,
         fma_peak_f64_gflops: peak,
@@ -186,6 +200,7 @@ fn print(out: &mut Output, r: &SolverReport) -> std::io::Result<()> {
         &["what".to_owned(), "value".to_owned()],
         &[
             row("kernel, 1e9 segment interactions/s", format!("{:.3}", r.kernel_f64_ginteractions_s)),
+            row("the same in single precision (wake on wake)", format!("{:.3}", r.kernel_f32_ginteractions_s)),
             row("the same segment by segment, scalar", format!("{:.3}", r.plain_f64_ginteractions_s)),
             row("ratio", format!("{:.1}", r.kernel_over_plain)),
             row("multiply-add peak, 1e9 operations/s", format!("{:.1}", r.fma_peak_f64_gflops)),

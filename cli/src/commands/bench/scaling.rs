@@ -29,8 +29,10 @@ fn flights() -> [Settings; 8] {
         spanwise_panels: 8,
         steps_per_stroke: 24,
         strokes: 3,
+        strokes_most: 3,
         strokes_dropped: 1,
         wake_strokes: 1.0,
+        wake_joined_after: 20.0,
         ..Settings::default()
     };
     let finer = Settings { chordwise_panels: 8, spanwise_panels: 16, ..base };
@@ -38,11 +40,11 @@ fn flights() -> [Settings; 8] {
         base,
         Settings { chordwise_panels: 8, ..base },
         Settings { spanwise_panels: 16, ..base },
-        Settings { strokes: 6, ..base },
+        Settings { strokes: 6, strokes_most: 6, ..base },
         Settings { wake_strokes: 2.0, ..base },
         Settings { steps_per_stroke: 48, ..base },
         Settings { steps_per_stroke: 48, ..finer },
-        Settings { steps_per_stroke: 48, wake_strokes: 2.0, strokes: 6, ..finer },
+        Settings { steps_per_stroke: 48, wake_strokes: 2.0, strokes: 6, strokes_most: 6, ..finer },
     ]
 }
 

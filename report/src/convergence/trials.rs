@@ -1,0 +1,182 @@
+//! One setting changed at a time, and all of the mesh at once.
+
+use manduca_numerics::table::Table as _;
+use manduca_numerics::uvlm::Settings;
+
+use super::sample::{Difference, Flown, Sample, difference, quantile};
+use crate::markdown::{Document, Table, fixed, signed};
+
+/// A change of settings and what it tries.
+struct Trial {
+    what: &'static str,
+    changes: &'static [(&'static str, f64)],
+}
+
+const fn trial(what: &'static str, changes: &'static [(&'static str, f64)]) -> Trial {
+    Trial { what, changes }
+}
+
+/// The wake as modelled: how long, how it ends, how it is thinned and rounded.
+const WAKE: [Trial; 12] = [
+    trial("double precision throughout", &[("single_precision_wake", 0.0)]),
+    trial("no rows joined", &[("wake_joined_after", 20.0)]),
+    trial("rows joined after 0.25 strokes", &[("wake_joined_after", 0.25)]),
+    trial("**wake remembered twice as long**", &[("wake_strokes", 4.0)]),
+    trial("wake remembered for 1 stroke", &[("wake_strokes", 1.0)]),
+    trial("sinks of 1 c", &[("wake_tail", 1.0)]),
+    trial("sinks of 3 c", &[("wake_tail", 3.0)]),
+    trial("no sinks", &[("wake_tail", 0.0)]),
+    trial("no sinks, wake of 4 strokes", &[("wake_tail", 0.0), ("wake_strokes", 4.0)]),
+    trial("no sinks, no spreading", &[("wake_tail", 0.0), ("wake_spreading", 0.0)]),
+    trial("no spreading", &[("wake_spreading", 0.0)]),
+    trial("no spreading, wake on wake 0.7 c", &[("wake_spreading", 0.0), ("wake_core_on_wake", 0.7)]),
+];
+
+/// Cores, each halved.
+const CORES: [Trial; 8] = [
+    trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.125)]),
+    trial("wake on wing, developed, halved", &[("wake_core_on_wing", 0.15)]),
+    trial("wake on wing, fresh, halved", &[("fresh_core_on_wing", 0.005)]),
+    trial("spreading halved", &[("wake_spreading", 0.5)]),
+    trial("bound, halved", &[("bound_core", 0.0005)]),
+    trial("bound on wake, halved", &[("bound_core_on_wake", 0.05)]),
+    trial("growth time halved", &[("core_growth_time", 0.1)]),
+    trial(
+        "**all cores and the spreading halved**",
+        &[
+            ("wake_core_on_wake", 0.125),
+            ("wake_core_on_wing", 0.15),
+            ("fresh_core_on_wing", 0.005),
+            ("wake_spreading", 0.5),
+            ("bound_core", 0.0005),
+            ("bound_core_on_wake", 0.05),
+        ],
+    ),
+];
+
+/// The lattice.
+const LATTICE: [Trial; 8] = [
+    trial("first row at 0.4", &[("first_row", 0.4)]),
+    trial("ends not drawn in", &[("edge_inset", 0.0)]),
+    trial("uniform strips, ends drawn in by 0.25", &[("spanwise_cosine", 0.0), ("edge_inset", 0.25)]),
+    trial("panels along the chord x 2", &[("chordwise_panels", 16.0)]),
+    trial("strips x 2", &[("spanwise_panels", 20.0)]),
+    trial("48 steps", &[("steps_per_stroke", 48.0)]),
+    trial("96 steps", &[("steps_per_stroke", 96.0)]),
+    trial("4 panels", &[("chordwise_panels", 4.0)]),
+];
+
+fn changed(settings: Settings, changes: &[(&'static str, f64)]) -> Settings {
+    let mut changed = settings;
+    for (name, value) in changes {
+        let told = changed.set(name, *value);
+        debug_assert!(told.is_ok(), "{name}: {told:?}");
+    }
+    changed
+}
+
+fn header(first: &str) -> Table {
+    Table::new([
+        first,
+        "strokes",
+        "L+",
+        "D+",
+        "M+",
+        "P+",
+        "mean L+",
+        "mean P+",
+        "relative L+",
+        "relative P+",
+        "median se of L+",
+    ])
+}
+
+fn row(table: &mut Table, what: &str, d: &Difference, flown: &Flown) {
+    let percent = |x: f64| fixed(100.0 * x, 2);
+    let se = quantile(flown.iter().flatten().map(|m| m.scaled[0].se), 0.5);
+    let mut cells = vec![what.to_owned(), d.strokes.to_string()];
+    cells.extend(d.rms.map(percent));
+    cells.extend([d.mean[0], d.mean[3]].map(|x| signed(100.0 * x, 2)));
+    cells.extend([d.relative[0], d.relative[3], se].map(percent));
+    table.row(cells);
+}
+
+fn tabulate(document: &mut Document, trials: &[Trial], sample: &Sample, reference: &Flown, settings: Settings) {
+    let mut table = header("change");
+    for trial in trials {
+        let flown = sample.fly(changed(settings, trial.changes));
+        row(&mut table, trial.what, &difference(reference, &flown), &flown);
+    }
+    document.table(&table);
+}
+
+/// Writes what each change does.
+pub fn write(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
+    document.heading("The wake");
+    let mut table = header("settings");
+    row(&mut table, "default", &difference(reference, reference), reference);
+    document.table(&table);
+    tabulate(document, &WAKE, sample, reference, settings);
+    document.heading("Cores");
+    tabulate(document, &CORES, sample, reference, settings);
+    document.heading("Lattice, one direction at a time");
+    tabulate(document, &LATTICE, sample, reference, settings);
+}
+
+/// Writes what twice the panels both ways with one and a half times the steps do.
+pub fn write_refinement(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
+    let fine = Settings {
+        chordwise_panels: 2 * settings.chordwise_panels,
+        spanwise_panels: 2 * settings.spanwise_panels,
+        steps_per_stroke: settings.steps_per_stroke * 3 / 2,
+        ..settings
+    };
+    let flown = sample.fly(fine);
+    document.heading("Refinement of everything");
+    document.paragraph(&format!(
+        "Default {} x {} panels and {} steps against {} x {} and {}. Published strokes are smooth; what is left there is \
+         below the error of any input. Violent ones (flips within a tenth of a stroke, 35 to 40 Hz) are still moved by \
+         the time step, their power above all.",
+        settings.chordwise_panels,
+        settings.spanwise_panels,
+        settings.steps_per_stroke,
+        fine.chordwise_panels,
+        fine.spanwise_panels,
+        fine.steps_per_stroke
+    ));
+    let published = 5.min(reference.len());
+    let mut table = header("strokes");
+    let parts = [("all", 0..reference.len()), ("published", 0..published), ("random", published..reference.len())];
+    for (what, range) in parts {
+        let (a, b) = (reference[range.clone()].to_vec(), flown[range].to_vec());
+        row(&mut table, what, &difference(&a, &b), &b);
+    }
+    document.table(&table);
+    let mut table = Table::new(["stroke", "L+", "D+", "M+", "P+", "change of L+", "of D+", "of M+", "of P+"]);
+    for ((name, _), pair) in sample.strokes.iter().zip(reference.iter().zip(&flown)) {
+        let (Some(a), Some(b)) = pair else { continue };
+        let mut cells = vec![name.clone()];
+        cells.extend(a.scaled.map(|e| fixed(e.mean, 3)));
+        cells.extend((0..4).map(|k| signed(100.0 * (b.scaled[k].mean - a.scaled[k].mean), 2)));
+        table.row(cells);
+    }
+    document.table(&table);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_trial_changes_known_settings_within_their_ranges() {
+        for trial in WAKE.iter().chain(&CORES).chain(&LATTICE) {
+            let mut settings = Settings::default();
+            for (name, value) in trial.changes {
+                assert_ne!(settings.get(name), Some(*value), "{}: {name} is the default", trial.what);
+                settings.set(name, *value).unwrap();
+            }
+            assert!(settings.check().is_ok(), "{}", trial.what);
+            assert_eq!(changed(Settings::default(), trial.changes), settings);
+        }
+    }
+}
