@@ -46,7 +46,7 @@ pub fn compute(effort: Effort, tell: &mut dyn FnMut(&str)) -> io::Result<Report>
     let reference = sample.fly(settings);
     trials::write(&mut document, &sample, &reference, settings);
     tell("refinement");
-    trials::write_refinement(&mut document, &sample, &reference, settings);
+    trials::write_refinement(&mut document, &sample, settings);
     tell("standard errors");
     honesty::write(&mut document, effort.errors, settings)?;
     tell("smoothness");

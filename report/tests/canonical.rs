@@ -36,66 +36,61 @@ fn two_dimensional_plate() {
     assert_group(&plate::group(), 14, &[]);
 }
 
-/// The wake's core develops within a chord and weakens the starting vortex while it is near: measured 4.6 %.
 #[test]
 fn wagner_sudden_start() {
-    assert_group(&wagner::group(), 25, &[("s = 2 semichords", 0.055)]);
+    assert_group(&wagner::group(), 25, &[]);
 }
 
-/// Measured 3.6, 6.4, 9.9 and 12.6 % of lift in plunge, 3.4, 5.7, 8.9 and 14.5 % in
-/// pitch, 5.2 % of thrust. With small cores the same lattice and step leave 2, 5 and 10 % at k = 0.5, 1 and 2.
+/// Eight panels are few for fast oscillation: measured 4.7 and 7.0 % of lift in plunge, 4.1
+/// and 7.7 % in pitch. With small cores the same lattice and step leave as much.
 #[test]
 fn theodorsen_and_garrick() {
     let known = [
-        ("plunge, k = 0.3: lift", 0.045),
-        ("plunge, k = 0.5: lift", 0.075),
-        ("plunge, k = 1: lift", 0.115),
-        ("plunge, k = 2: lift", 0.145),
-        ("plunge, k = 0.5: thrust", 0.06),
-        ("plunge, k = 1: thrust", 0.06),
-        ("plunge, k = 2: thrust", 0.06),
-        ("pitch about c/4, k = 0.3: lift", 0.045),
-        ("pitch about c/4, k = 0.5: lift", 0.07),
-        ("pitch about c/4, k = 1: lift", 0.105),
-        ("pitch about c/4, k = 2: lift", 0.165),
+        ("plunge, k = 1: lift", 0.055),
+        ("plunge, k = 2: lift", 0.08),
+        ("pitch about c/4, k = 1: lift", 0.05),
+        ("pitch about c/4, k = 2: lift", 0.09),
     ];
     assert_group(&oscillation::group(), 70, &known);
 }
 
-/// A lattice has too much added mass by about 1/N: measured 10.4, 11.2 and 11.6 % with eight panels.
+/// A lattice has too much added mass by about 1/N: measured 8.3, 9.5 and 10.0 % with eight panels.
 #[test]
 fn added_mass_of_plates() {
     let known = [
-        ("aspect ratio 1, default lattice", 0.13),
-        ("aspect ratio 2, default lattice", 0.13),
-        ("aspect ratio 4, default lattice", 0.13),
+        ("aspect ratio 1, default lattice", 0.095),
+        ("aspect ratio 2, default lattice", 0.105),
+        ("aspect ratio 4, default lattice", 0.11),
     ];
     assert_group(&added_mass::group(), 9, &known);
 }
 
-/// Measured 1.2 and 0.8 % with the default cores; 4.1 and 3.7 % with the default lattice too.
+/// Measured 1.9 and 2.1 % with the default lattice as it is.
 #[test]
 fn steady_lift_slopes() {
-    let known = [
-        ("aspect ratio 8, extrapolated", 0.015),
-        ("aspect ratio 4, 6 x 12 panels", 0.011),
-        ("aspect ratio 4, default lattice and step", 0.05),
-        ("aspect ratio 8, default lattice and step", 0.045),
-    ];
+    let known =
+        [("aspect ratio 4, default lattice and step", 0.025), ("aspect ratio 8, default lattice and step", 0.025)];
     assert_group(&steady::group(), 12, &known);
 }
 
-/// The published values are a lattice's whose first row is a step behind the edge: measured 7.1 and 9.2 %.
+/// The published values are those of four panels whose first row is a step behind the edge, which
+/// is too much lift at first (Wagner's plate is met): measured 11.0, 5.7, 13.1, 7.7 and 3.8 % less.
 #[test]
 fn sudden_start_of_finite_wings() {
-    let known = [("aspect ratio 4, U t/c = 0.5", 0.085), ("aspect ratio 8, U t/c = 0.5", 0.105)];
+    let known = [
+        ("aspect ratio 4, U t/c = 0.5", 0.12),
+        ("aspect ratio 4, U t/c = 1", 0.065),
+        ("aspect ratio 8, U t/c = 0.5", 0.14),
+        ("aspect ratio 8, U t/c = 1", 0.085),
+        ("aspect ratio 8, U t/c = 2", 0.045),
+    ];
     assert_group(&sudden_start::group(), 20, &known);
 }
 
-/// Ten strips along half an elliptic wing: measured 5.5 %.
+/// Ten strips along half an elliptic wing: measured 3.3 %.
 #[test]
 fn induced_drag_of_wings() {
-    assert_group(&induced_drag::group(), 4, &[("elliptic wing, aspect ratio 8", 0.065)]);
+    assert_group(&induced_drag::group(), 4, &[("elliptic wing, aspect ratio 8", 0.04)]);
 }
 
 #[test]
@@ -108,11 +103,11 @@ fn laws_of_hovering() {
     assert_group(&symmetries::group(), 5, &[]);
 }
 
-/// Measured 1.3 and 1.5 mN below the lowest of the other codes: their range is met with a
+/// Measured 2.0 and 2.1 mN below the lowest of the other codes: their range is met with a
 /// bound core of 0.05 c, not with a thin one.
 #[test]
 fn other_codes() {
     let group = other_code::group();
     let lattice = group.rows.last().map(|row| row.what.clone()).unwrap_or_default();
-    assert_group(&group, 3, &[("6 x 12 panels, 40 steps", 1.8), (&lattice, 2.0)]);
+    assert_group(&group, 3, &[("6 x 12 panels, 40 steps", 2.2), (&lattice, 2.3)]);
 }

@@ -84,6 +84,30 @@ pub fn dispatch(work: impl Work) {
     }
 }
 
+/// Names of the levels this processor has, for tests.
+#[cfg(test)]
+pub fn available() -> Vec<&'static str> {
+    let mut levels = vec!["scalar"];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(pulp::x86::V3::try_new().map(|_| "avx2"));
+        levels.extend(pulp::x86::V4::try_new().map(|_| "avx512"));
+    }
+    levels
+}
+
+/// Does work at a level that is available.
+#[cfg(test)]
+pub fn run_at(level: &str, work: impl Work) {
+    match level {
+        #[cfg(target_arch = "x86_64")]
+        "avx512" => pulp::x86::V4::try_new().map(|simd| simd.vectorize(Run { work, simd })).expect("available"),
+        #[cfg(target_arch = "x86_64")]
+        "avx2" => pulp::x86::V3::try_new().map(|simd| simd.vectorize(Run { work, simd })).expect("available"),
+        _ => Run { work, simd: Scalar }.call(),
+    }
+}
+
 /// Largest number of lanes of any level and precision: arrays are padded to it.
 pub const MOST_LANES: usize = 16;
 

@@ -73,14 +73,16 @@ impl Cores {
         (self.wake_on_wake.powi(2) + self.spreading * age).sqrt()
     }
 
-    /// Core of wake of an age in seconds as the wing sees it: with g = 1 - exp(-age/τ),
-    /// rc² = (rn + (rw - rn) g)² + s age g. Near the edge it grows in proportion to
-    /// age, hence to distance; as the root of age it would blur the edge's own wake
-    /// more with every shorter step.
+    /// Core of wake of an age t in seconds as the wing sees it:
+    /// rc² = (rn + (rw - rn)(1 - exp(-t/τ)))² + s t (1 - exp(-t²/τ²)). Near the edge it
+    /// grows in proportion to age, hence to distance; as the root of age it would blur
+    /// the edge's own wake more with every shorter step.
     fn on_wing(&self, age: f64) -> f64 {
         let grown = 1.0 - crate::math::exp(-age / self.growth_time);
         let core = self.fresh_on_wing + (self.developed_on_wing - self.fresh_on_wing) * grown;
-        (core * core + self.spreading * age * grown).sqrt()
+        let late = (age / self.growth_time).powi(2);
+        let spread = self.spreading * age * (1.0 - crate::math::exp(-late));
+        (core * core + spread).sqrt()
     }
 }
 
