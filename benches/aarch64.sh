@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the solver for 64-bit ARM, on any machine and without a linker, and counts the vector
-# instructions of its kernel: multiply-adds of two doubles, and scalar ones, of which there should be none.
+# instructions of its kernel: multiply-adds of two doubles, and the scalar ones of the way without NEON.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -62,7 +62,8 @@ def ours(program, core):
     """Wall time of the whole process, and what it says."""
     settings = {
         "chordwise-panels": CHORDWISE, "spanwise-panels": SPANWISE, "steps-per-stroke": STEPS, "strokes": STROKES,
-        "strokes-dropped": STROKES - 1, "wake-strokes": STROKES,
+        "strokes-most": STROKES, "strokes-dropped": STROKES - 1, "wake-strokes": STROKES,
+        "wake-joined-after": STROKES, "wake-tail": 0, "single-precision-wake": 0,
     }
     line = [program, "simulate", "--case", "five-ann", "--json"]
     line += [word for name, value in settings.items() for word in (f"--{name}", value)]
