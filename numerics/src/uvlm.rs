@@ -1,6 +1,7 @@
 //! Extended unsteady vortex-lattice method: a rigid thin wing of vortex rings, a
 //! free wake, the other wing by mirror, leading-edge suction turned into lift.
 
+mod cores;
 mod first_row;
 mod flapping;
 mod geometry;
@@ -16,11 +17,12 @@ mod suction;
 mod tail;
 mod wake;
 
+pub use cores::Cores;
 pub use flapping::{fly, solver_of};
 pub use geometry::{Lattice, Planform, Pose};
 pub use loads::WingLoad;
 pub use settings::Settings;
 pub use single::SingleWake;
-pub use solver::{Air, Cores, Solver, Suction};
+pub use solver::{Air, Solver, Suction};
 pub use suction::SuctionFit;
 pub use wake::Rings;

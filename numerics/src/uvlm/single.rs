@@ -12,6 +12,14 @@ pub struct SingleWake {
     velocity: Points<f32>,
 }
 
+/// The power of two (so that scaling rounds nothing) which brings a size to 4 to 8: then all
+/// products of lengths are in single precision's range. From the exponent's bits: a logarithm
+/// may differ between machines.
+fn scale_for(size: f64) -> f64 {
+    let exponent = ((size.to_bits() >> 52) & 0x7ff) as i32 - 1023;
+    2.0_f64.powi((2 - exponent).clamp(-60, 60))
+}
+
 fn copy(to: &mut Vec<f32>, from: &[f64], scale: f64) {
     to.clear();
     to.extend(from.iter().map(|x| (x * scale) as f32));
@@ -32,8 +40,7 @@ impl SingleWake {
     /// Adds the velocity the sheet induces at the targets, m/s.
     pub fn induce(&mut self, sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
         let size = sheet.nodes.iter().flat_map(|c| c.iter()).fold(0.0_f64, |m, x| m.max(x.abs()));
-        // A power of two, so that scaling rounds nothing; sizes of about ten keep all products in range.
-        let scale = 2.0_f64.powi(3 - size.log2().ceil() as i32);
+        let scale = scale_for(size);
         for (to, from) in self.nodes.iter_mut().zip(sheet.nodes) {
             copy(to, from, scale);
         }
@@ -59,5 +66,35 @@ impl SingleWake {
                 *sum += f64::from(*add) * scale;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::uvlm::probe::Workload;
+
+    #[test]
+    fn sizes_come_to_between_four_and_eight() {
+        for size in [0.03, 0.25, 1.0, 7.9, 300.0] {
+            assert!((4.0..8.0).contains(&(size * scale_for(size))), "{size}");
+        }
+        assert!(scale_for(0.0).is_finite());
+    }
+
+    #[test]
+    fn single_precision_agrees_with_double_to_its_digits() {
+        let work = Workload::new(12, 7);
+        let mut double = Points::zeros(work.targets.len());
+        let mut single = Points::zeros(work.targets.len());
+        induce(&work.sheet(), &work.targets, &mut double);
+        SingleWake::default().induce(&work.sheet(), &work.targets, &mut single);
+        let largest = (0..double.len()).flat_map(|i| double.get(i)).fold(0.0_f64, |m, v| m.max(v.abs()));
+        for i in 0..double.len() {
+            for (a, b) in double.get(i).iter().zip(single.get(i)) {
+                assert!((a - b).abs() < 1e-4 * largest, "{i}: {a} {b}");
+            }
+        }
+        assert!((0..double.len()).any(|i| double.get(i) != single.get(i)), "they are of different precision");
     }
 }

@@ -1,6 +1,7 @@
 //! Time stepping of one wing, its mirror image and their wake.
 
 use crate::kinematics::Vector;
+use crate::uvlm::cores::Cores;
 use crate::uvlm::geometry::{Lattice, Pose};
 use crate::uvlm::influence::{Circulations, Matrix, RingInfluence};
 use crate::uvlm::kernel::{Points, induce, interactions};
@@ -32,57 +33,6 @@ impl Air {
     /// Velocity of a point of the axes through the air, m/s.
     pub fn carried(&self, p: &Vector) -> Vector {
         self.velocity + self.omega.cross(&(p - self.reference))
-    }
-}
-
-/// Core radii, m, and the time in which the wake's core develops.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cores {
-    /// Bound segments and the edge line as the wing sees them.
-    pub bound: f64,
-    /// Bound segments as the wake sees them.
-    pub bound_on_wake: f64,
-    /// Wake as the wake sees it.
-    pub wake_on_wake: f64,
-    /// Wake just shed as the wing sees it.
-    pub fresh_on_wing: f64,
-    /// Developed wake as the wing sees it.
-    pub developed_on_wing: f64,
-    /// Time constant between the two, s.
-    pub growth_time: f64,
-    /// Growth of the squared core of all wake with age, m²/s.
-    pub spreading: f64,
-}
-
-impl Cores {
-    /// One small core for everything, for wakes which do not come back.
-    pub fn uniform(radius: f64) -> Self {
-        Self {
-            bound: radius,
-            bound_on_wake: radius,
-            wake_on_wake: radius,
-            fresh_on_wing: radius,
-            developed_on_wing: radius,
-            growth_time: 1.0,
-            spreading: 0.0,
-        }
-    }
-
-    /// Core of wake of an age in seconds as the wake sees it: rc² = rw² + s age.
-    fn on_wake(&self, age: f64) -> f64 {
-        (self.wake_on_wake.powi(2) + self.spreading * age).sqrt()
-    }
-
-    /// Core of wake of an age t in seconds as the wing sees it:
-    /// rc² = (rn + (rw - rn)(1 - exp(-t/τ)))² + s t (1 - exp(-t²/τ²)). Near the edge it
-    /// grows in proportion to age, hence to distance; as the root of age it would blur
-    /// the edge's own wake more with every shorter step.
-    fn on_wing(&self, age: f64) -> f64 {
-        let grown = 1.0 - crate::math::exp(-age / self.growth_time);
-        let core = self.fresh_on_wing + (self.developed_on_wing - self.fresh_on_wing) * grown;
-        let late = (age / self.growth_time).powi(2);
-        let spread = self.spreading * age * (1.0 - crate::math::exp(-late));
-        (core * core + spread).sqrt()
     }
 }
 
