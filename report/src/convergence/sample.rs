@@ -52,7 +52,7 @@ impl Sample {
     /// The published strokes and so many random ones.
     ///
     /// # Errors
-    /// As [`random`].
+    /// When too few strokes of the design box are feasible.
     pub fn new(count: u64) -> io::Result<Self> {
         let mut strokes: Vec<_> = CASES.iter().map(|case| (case.name.to_owned(), case.parameters)).collect();
         for index in 0..count {
