@@ -12,7 +12,7 @@ use manduca_numerics::table::Table as _;
 use manduca_numerics::uvlm::Settings;
 
 use crate::flights::Flight;
-use crate::markdown::{Document, Table, significant};
+use crate::markdown::{Document, Table, fixed, significant};
 use crate::output::Report;
 pub use sample::{SEED, Sample};
 
@@ -93,18 +93,18 @@ const REMARKS: [&str; 7] = [
      of it. A large constant core of wake on wake does the same at the price of the fresh wake.",
     "**The wake may be forgotten if its jet is not.** Cutting the wake after two strokes without more removes the \
      downwash of the jet beyond. Sinks for the forgotten rows (`wake_tail`) put it back to leading order; with them \
-     twice the remembered wake moves the means by about the standard error of a violent stroke. Small radii excite a \
+     two strokes do what four do without. Small radii excite a \
      slow oscillation of the wake's end.",
     "**The core seen by the wing must grow with age, not with its root.** Near the trailing edge distance is \
      proportional to age; a core which grows as the root of age is larger than the distance for small ages and blurs \
-     the edge's own wake more with every shorter step. It doubled the change of lift with the time step.",
+     the edge's own wake more with every shorter step: lift then depends far more on the time step.",
     "**The first row's place depends on panel over step.** A quarter of a step is right where a step is as long as a \
      panel; shorter steps belong closer to the edge. The rule in `first_row.rs` keeps an even sheet from inducing \
      anything at the last collocation point.",
     "**Ends drawn in** by a fifth of the end strips (a quarter would suit uniform strips) remove most of the error of \
      ten strips along the span.",
     "**Power needs a finer clock than loads.** Where the wing flips within two steps, inertial power changes its sign \
-     between them; sampled with the loads it was wrong by up to 6 % of a stroke's power. It is integrated with four \
+     between them; sampled with the loads alone it is wrong by several per cent there. It is integrated with four \
      instants in every step, the air's moment interpolated.",
     "**Did not help:** the first row at the current instead of the mean displacement; third-order differences for dΓ/dt; \
      Richardson's extrapolation in the time step alone (at fixed panels the error is not of first order).",
