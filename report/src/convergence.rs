@@ -68,12 +68,9 @@ fn introduction(document: &mut Document, effort: Effort) {
     document.paragraph("Default settings (lengths in mean chords c, times in strokes):");
     let mut table = Table::new(["setting", "value", "what"]);
     for field in Settings::FIELDS {
+        let value = if field.whole { fixed(field.default, 0) } else { significant(field.default, 3) };
         let unit = if field.unit.is_empty() { String::new() } else { format!(" {}", field.unit) };
-        table.row([
-            field.name.to_owned(),
-            format!("{}{unit}", significant(field.default, 3)),
-            field.meaning.to_owned(),
-        ]);
+        table.row([field.name.to_owned(), format!("{value}{unit}"), field.meaning.to_owned()]);
     }
     document.table(&table);
 }
