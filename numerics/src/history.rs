@@ -108,12 +108,19 @@ impl Steps {
         Self::default()
     }
 
+    /// Whether a step is one of those asked for by number.
+    fn name(&self, stroke: usize, step: usize) -> bool {
+        self.0.contains(&Choice::At { stroke, step })
+    }
+
+    /// Whether a step is chosen, if no further stroke is flown.
     fn has(&self, settings: &Settings, stroke: usize, step: usize) -> bool {
-        self.0.iter().any(|choice| match *choice {
-            Choice::Last => stroke == settings.strokes && step + 1 == settings.steps_per_stroke,
-            Choice::All => stroke == settings.strokes,
-            Choice::At { stroke: s, step: n } => (s, n) == (stroke, step),
-        })
+        let of_last = |choice: &Choice| match choice {
+            Choice::Last => step + 1 == settings.steps_per_stroke,
+            Choice::All => true,
+            Choice::At { .. } => false,
+        };
+        self.name(stroke, step) || stroke >= settings.strokes && self.0.iter().any(of_last)
     }
 
     /// The steps a flight at these settings has, one after the other from its start.
@@ -211,9 +218,12 @@ impl Recorder {
     pub fn watch(&mut self, moment: &Moment, solver: Option<&Solver>) {
         let time_s = ((moment.stroke - 1) as f64 + moment.phase) * self.period;
         self.history.push(Instant { time_s, moment: *moment });
-        if let (Some((settings, steps)), Some(solver)) = (&self.chosen, solver)
-            && steps.has(settings, moment.stroke, moment.step)
-        {
+        let (Some((settings, steps)), Some(solver)) = (&self.chosen, solver) else { return };
+        if moment.step == 0 && moment.stroke > settings.strokes {
+            // Another stroke is flown for the standard errors: the one before was not the last.
+            self.wakes.retain(|w| steps.name(w.stroke, w.step));
+        }
+        if steps.has(settings, moment.stroke, moment.step) {
             let wake = self.wake(moment, time_s, &solver.rings());
             self.wakes.push(wake);
         }

@@ -107,6 +107,18 @@ fn a_tilted_stroke_plane_tilts_the_rings_forward_edge_down() {
     assert_eq!(level[0].circulation, tilted[0].circulation);
 }
 
+/// Strokes flown on until the standard errors are small are strokes: `last` is the last of them.
+#[test]
+fn the_last_stroke_is_the_last_one_flown() {
+    let settings = Settings { standard_error: 0.0, strokes_most: 7, ..coarse() };
+    let (flown, recorder) = record(&simulation(Model::Uvlm(settings), 0.0), &steps("2:3,3:1,last")).unwrap();
+    assert_eq!(flown.unwrap().strokes.len(), 7);
+    let at: Vec<_> = recorder.wakes.iter().map(|w| (w.stroke, w.step)).collect();
+    assert_eq!(at, [(2, 3), (3, 1), (7, 15)]);
+    let (_, all) = record(&simulation(Model::Uvlm(settings), 0.0), &steps("all")).unwrap();
+    assert!(all.wakes.len() == 16 && all.wakes.iter().all(|w| w.stroke == 7));
+}
+
 /// In mid-downstroke the wing moves forward and lifts: the flow above it is faster, so
 /// the bound circulation runs inboard along the leading edge's row (right-hand rule).
 #[test]

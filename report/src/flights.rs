@@ -64,9 +64,10 @@ impl Flight {
     pub fn fly_with_history(&self) -> Result<(Means, Vec<Moment>), Infeasible> {
         let mut history = Vec::new();
         let means = simulate_watched(&self.simulation(), &mut |moment, _| {
-            if moment.stroke == self.settings.strokes {
-                history.push(*moment);
+            if moment.step == 0 {
+                history.clear();
             }
+            history.push(*moment);
         })?;
         Ok((means, history))
     }

@@ -2,7 +2,7 @@
 
 use crate::balance::{Body, Cycle, FinePower};
 use crate::insect::Insect;
-use crate::kinematics::{Attitude, Stroke, Vector};
+use crate::kinematics::{Attitude, Stroke};
 use crate::simulation::{Infeasible, Means, Moment, Simulation, StrokeMean};
 use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
@@ -30,7 +30,9 @@ pub fn fly(
         for step in 0..settings.steps_per_stroke {
             let angles = stroke.angles(step as f64 / settings.steps_per_stroke as f64);
             let attitude = Attitude::new(&angles);
-            let load = solver.step(&pose(insect, &attitude), dt).ok_or(Infeasible::BlowUp { stroke: number })?;
+            let load = solver
+                .step(&Pose::hinged(insect.hinge_offset_m, &attitude), dt)
+                .ok_or(Infeasible::BlowUp { stroke: number })?;
             power.add(&attitude, &load.moment);
             let snapshot = cycle.add(&angles, &attitude, &load);
             let phase = step as f64 / settings.steps_per_stroke as f64;
@@ -57,17 +59,6 @@ fn wants_more(flown: &[StrokeMean], settings: &Settings, insect: &Insect) -> boo
     let [tangential, normal, _] = means.stroke_axes.map(|e| e.se / weight);
     let [_, _, moment, power] = means.scaled.map(|e| e.se);
     [tangential, normal, moment, power].iter().any(|se| *se > settings.standard_error)
-}
-
-/// A hinged wing at an attitude.
-pub(crate) fn pose(insect: &Insect, attitude: &Attitude) -> Pose {
-    Pose {
-        origin: Vector::new(0.0, insect.hinge_offset_m, 0.0),
-        e_r: attitude.e_r,
-        e_c: attitude.e_c,
-        velocity: Vector::zeros(),
-        omega: attitude.omega,
-    }
 }
 
 fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use crate::insect::Insect;
-use crate::kinematics::Vector;
+use crate::kinematics::{Attitude, Vector};
 use crate::math::{cos, sin};
 use crate::uvlm::Settings;
 use crate::wing::Outline;
@@ -204,6 +204,17 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// A wing which turns about a hinge so far from the plane of symmetry, m.
+    pub fn hinged(offset: f64, attitude: &Attitude) -> Self {
+        Self {
+            origin: Vector::new(0.0, offset, 0.0),
+            e_r: attitude.e_r,
+            e_c: attitude.e_c,
+            velocity: Vector::zeros(),
+            omega: attitude.omega,
+        }
+    }
+
     /// A point of the wing's plane in space.
     pub fn place(&self, p: &Flat) -> Vector {
         self.origin + self.e_r * p.x + self.e_c * p.y

@@ -37,13 +37,7 @@ impl Flight {
         let steps = settings.steps_per_stroke;
         let pose = |step: usize| {
             let attitude = Attitude::new(&stroke.angles(step as f64 / steps as f64));
-            Pose {
-                origin: Vector::new(0.0, insect.hinge_offset_m, 0.0),
-                e_r: attitude.e_r,
-                e_c: attitude.e_c,
-                velocity: Vector::zeros(),
-                omega: attitude.omega,
-            }
+            Pose::hinged(insect.hinge_offset_m, &attitude)
         };
         let count = (STROKES * steps as f64) as usize;
         let poses = (first..first + count).map(pose).collect();

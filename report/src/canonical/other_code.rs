@@ -1,6 +1,6 @@
 //! The first stroke of two flapping rectangular wings, as other codes have it.
 
-use manduca_numerics::kinematics::{Attitude, ElevationPhase, Stroke, Vector};
+use manduca_numerics::kinematics::{Attitude, ElevationPhase, Stroke};
 use manduca_numerics::uvlm::{Air, Planform, Pose, Settings, solver_of};
 
 use super::scheme::Scheme;
@@ -31,13 +31,7 @@ pub fn second_half_lift(settings: &Settings, strips: usize, cosine: f64) -> f64 
     let (mut lift, mut count) = (0.0, 0);
     for step in 0..steps {
         let attitude = Attitude::new(&stroke.angles(step as f64 / steps as f64));
-        let pose = Pose {
-            origin: Vector::new(0.0, HINGE, 0.0),
-            e_r: attitude.e_r,
-            e_c: attitude.e_c,
-            velocity: Vector::zeros(),
-            omega: attitude.omega,
-        };
+        let pose = Pose::hinged(HINGE, &attitude);
         let Some(load) = solver.step(&pose, dt) else { return f64::NAN };
         if 2 * step >= steps {
             lift += 2.0 * load.force.z;
