@@ -77,23 +77,23 @@ fn median(mut run: impl FnMut()) -> f64 {
     times[1]
 }
 
-fn kernel_rate() -> f64 {
+/// Interactions of a sheet on its nodes, 1e9/s.
+fn rate(mut induced: impl FnMut(&Workload, &mut Points)) -> f64 {
     let work = Workload::new(97, 11);
     let mut velocity = Points::zeros(work.targets.len());
     let repeats = 40;
-    let time = median(|| (0..repeats).for_each(|_| induce(&work.sheet(), &work.targets, &mut velocity)));
+    let time = median(|| (0..repeats).for_each(|_| induced(&work, &mut velocity)));
     std::hint::black_box(&velocity);
     interactions(&work.sheet(), &work.targets) as f64 * f64::from(repeats) / time * 1e-9
 }
 
+fn kernel_rate() -> f64 {
+    rate(|work, velocity| induce(&work.sheet(), &work.targets, velocity))
+}
+
 fn single_rate() -> f64 {
-    let work = Workload::new(97, 11);
-    let mut velocity = Points::zeros(work.targets.len());
     let mut wake = SingleWake::default();
-    let repeats = 40;
-    let time = median(|| (0..repeats).for_each(|_| wake.induce(&work.sheet(), &work.targets, &mut velocity)));
-    std::hint::black_box(&velocity);
-    interactions(&work.sheet(), &work.targets) as f64 * f64::from(repeats) / time * 1e-9
+    rate(|work, velocity| wake.induce(&work.sheet(), &work.targets, velocity))
 }
 
 fn plain_rate() -> f64 {
