@@ -10,6 +10,7 @@ pub mod math;
 pub mod optimise;
 pub mod parameters;
 pub mod quasi_steady;
+pub mod refine;
 pub mod sampling;
 pub mod simulation;
 pub mod surrogate;

@@ -111,6 +111,13 @@ pub struct SamplingSpec {
     /// Least distance of the wings from the plane of symmetry, mm.
     #[serde(default)]
     pub clearance_margin_mm: f64,
+    /// Share of the samples on faces, edges and corners of the box, 0 to 1.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub faces: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// The neural network and its training.

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::parameters::Point;
-use manduca_numerics::sampling::sample;
+use manduca_numerics::sampling::sample_with_faces;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::ResolvedStudy;
@@ -28,7 +28,7 @@ pub(crate) struct Drawn {
 
 /// Draws the samples of these indices; indices without a feasible stroke are left out.
 pub(crate) fn draw(spec: &StudySpec, study: &ResolvedStudy, indices: Range<u32>) -> Vec<Drawn> {
-    let margin_m = spec.sampling.clearance_margin_mm * 1e-3;
+    let (margin_m, faces) = (spec.sampling.clearance_margin_mm * 1e-3, spec.sampling.faces);
     let clearance = Clearance::new(&study.model.insect, study.model.elevation_phase);
     let tries = Cell::new(TRIES_AT_LEAST);
     let accept = |x: &Point| {
@@ -45,7 +45,7 @@ pub(crate) fn draw(spec: &StudySpec, study: &ResolvedStudy, indices: Range<u32>)
         if tries.get() == 0 {
             break;
         }
-        if let Some(point) = sample(&study.bounds, spec.seed, ordinal.into(), &accept) {
+        if let Some(point) = sample_with_faces(&study.bounds, spec.seed, ordinal.into(), faces, &accept) {
             drawn.push(Drawn { ordinal, point, key: simulate_task(spec, &point).key() });
         }
     }

@@ -1,0 +1,259 @@
+//! The trust region: where to simulate next, and when to stop.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::kriging::Kriging;
+use crate::parameters::{Bounds, COUNT, Point};
+
+/// Weight of |1 - L+| + |D+| + |M+| in the merit; above every multiplier of the trim met so far.
+const PENALTY: f64 = 2.0;
+/// Largest gap of L+, D+ and M+ which counts as agreement even where the standard error is smaller.
+const AGREED: f64 = 1e-3;
+/// Largest |1 - L+| + |D+| + |M+| of an answer.
+const TRIMMED: f64 = 3e-3;
+/// Least gain of the merit worth another round.
+const GAIN: f64 = 5e-4;
+/// Smallest radius, in widths of the box.
+const SMALLEST: f64 = 1e-3;
+/// Largest radius.
+const LARGEST: f64 = 0.5;
+
+/// How to refine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RefineSettings {
+    /// Most simulations.
+    pub simulations: usize,
+    /// Simulations of a round: the candidate and points around it.
+    pub batch: usize,
+    /// First radius of the trust region, in widths of the box.
+    pub radius: f64,
+    /// Seed of the points around a candidate.
+    pub seed: u64,
+}
+
+impl Default for RefineSettings {
+    fn default() -> Self {
+        Self { simulations: 150, batch: 12, radius: 0.1, seed: 0 }
+    }
+}
+
+/// A stroke flown: `[L+, D+, M+, P+]` and standard errors; none where it cannot be flown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flown {
+    /// The stroke.
+    pub x: Point,
+    /// Means and standard errors.
+    pub means: Option<([f64; 4], [f64; 4])>,
+}
+
+/// What is carried from round to round.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    /// Rounds done.
+    pub round: usize,
+    /// Radius, in widths of the box.
+    pub radius: f64,
+    /// Which flown stroke the last candidate is, and what was predicted of it.
+    pub candidate: Option<(usize, [f64; 4])>,
+}
+
+/// Why refining ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RefineStop {
+    /// Prediction and simulation agree at a trimmed stroke and nothing better is foreseen.
+    Agreed,
+    /// No simulations are left.
+    Budget,
+    /// The trust region shrank to nothing.
+    Radius,
+    /// Nothing could be flown, or no candidate be found.
+    Nothing,
+}
+
+/// What follows a round.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// Fly these, candidate first, append them to the strokes flown and come back.
+    Fly {
+        /// To be handed in again.
+        region: Region,
+        /// The strokes.
+        batch: Vec<Point>,
+    },
+    /// Done: the best stroke flown, with the last prediction made before it was flown.
+    Done {
+        /// Why.
+        stop: RefineStop,
+        /// Which flown stroke it is.
+        best: usize,
+        /// `[L+, D+, M+, P+]` predicted there by everything else known.
+        predicted: [f64; 4],
+    },
+}
+
+/// Value and jacobian of `[L+, D+, M+, P+]` in table units.
+pub type Jacobian = ([f64; 4], [[f64; COUNT]; 4]);
+
+/// The least P+ with L+ = 1, D+ = M+ = 0 and enough clearance, of a model within bounds, from a start.
+pub type Minimise<'a> = dyn Fn(&(dyn Fn(&Point) -> Jacobian + Sync), &Bounds, &Point) -> Option<Point> + 'a;
+
+/// The surrogate, and how an optimum is found on a corrected one.
+pub struct Tools<'a> {
+    /// The surrogate as trained.
+    pub surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync),
+    /// Finds an optimum.
+    pub minimise: &'a Minimise<'a>,
+    /// Whether the wings keep their distance.
+    pub clear: &'a dyn Fn(&Point) -> bool,
+}
+
+/// Merit of a stroke: P+ + 2 (|1 - L+| + |D+| + |M+|).
+pub fn merit(y: &[f64; 4]) -> f64 {
+    y[3] + PENALTY * off_trim(y)
+}
+
+/// |1 - L+| + |D+| + |M+|.
+pub fn off_trim(y: &[f64; 4]) -> f64 {
+    (1.0 - y[0]).abs() + y[1].abs() + y[2].abs()
+}
+
+/// One round: judges the last candidate, learns from all strokes flown, proposes
+/// the next. `flown` begins with the optimum of the surrogate.
+pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown: &[Flown], region: &Region) -> Next {
+    let Some(best) = best_of(flown) else {
+        return Next::Done { stop: RefineStop::Nothing, best: 0, predicted: [f64::NAN; 4] };
+    };
+    let (radius, agreed) = judge(flown, region, best);
+    let corrected = Corrected::new(tools.surrogate, bounds, flown);
+    let done = |stop| {
+        let others: Vec<Flown> = flown.iter().enumerate().filter(|(i, _)| *i != best).map(|(_, f)| *f).collect();
+        let predicted = match region.candidate {
+            Some((candidate, predicted)) if candidate == best => predicted,
+            _ => Corrected::new(tools.surrogate, bounds, &others).at(&flown[best].x).0,
+        };
+        Next::Done { stop, best, predicted }
+    };
+    if flown.len() >= settings.simulations {
+        return done(RefineStop::Budget);
+    }
+    if radius < SMALLEST {
+        return done(RefineStop::Radius);
+    }
+    let centre = flown[best].x;
+    let at = |x: &Point| corrected.at(x);
+    let Some(candidate) = (tools.minimise)(&at, &around(bounds, &centre, radius), &centre) else {
+        return done(RefineStop::Nothing);
+    };
+    let predicted = corrected.at(&candidate).0;
+    let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
+    if agreed && off_trim(&here) <= TRIMMED && merit(&here) - merit(&predicted) < GAIN {
+        return done(RefineStop::Agreed);
+    }
+    // Once a prediction held, fewer points around the next one are enough.
+    let size = if agreed { settings.batch.div_ceil(3) } else { settings.batch };
+    let size = size.clamp(1, settings.simulations - flown.len());
+    let batch = batch(tools, bounds, settings, &candidate, radius, region.round, size);
+    let candidate = Some((flown.len(), predicted));
+    Next::Fly { region: Region { round: region.round + 1, radius, candidate }, batch }
+}
+
+/// The stroke of least merit flown so far.
+fn best_of(flown: &[Flown]) -> Option<usize> {
+    let merits = flown.iter().enumerate().filter_map(|(i, f)| f.means.map(|m| (i, merit(&m.0))));
+    merits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+}
+
+/// The next radius, and whether the last prediction agreed with its simulation.
+fn judge(flown: &[Flown], region: &Region, best: usize) -> (f64, bool) {
+    let Some((candidate, predicted)) = region.candidate else { return (region.radius, false) };
+    let Some((y, se)) = flown[candidate].means else { return (region.radius * 0.5, false) };
+    let agrees = (0..4).all(|k| (y[k] - predicted[k]).abs() <= (2.0 * se[k]).max(AGREED));
+    let before = flown[..candidate].iter().filter_map(|f| f.means.map(|m| merit(&m.0))).fold(f64::INFINITY, f64::min);
+    let (foreseen, gained) = (before - merit(&predicted), before - merit(&y));
+    let radius = if gained > 0.7 * foreseen {
+        region.radius * 1.5
+    } else if gained > 0.2 * foreseen {
+        region.radius
+    } else {
+        region.radius * 0.5
+    };
+    (radius.min(LARGEST), agrees && candidate == best)
+}
+
+/// The box around a point, within the bounds.
+fn around(bounds: &Bounds, centre: &Point, radius: f64) -> Bounds {
+    let mut local = *bounds;
+    for i in (0..COUNT).filter(|&i| !bounds.is_held(i)) {
+        let reach = radius * (bounds.upper[i] - bounds.lower[i]);
+        local.lower[i] = (centre[i] - reach).max(bounds.lower[i]);
+        local.upper[i] = (centre[i] + reach).min(bounds.upper[i]);
+    }
+    local
+}
+
+/// The candidate and points around it, in the half of the trust region nearest to it.
+fn batch(
+    tools: &Tools<'_>,
+    bounds: &Bounds,
+    settings: &RefineSettings,
+    candidate: &Point,
+    radius: f64,
+    round: usize,
+    size: usize,
+) -> Vec<Point> {
+    let near = around(bounds, candidate, 0.5 * radius);
+    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+    rng.set_stream(round as u64);
+    let mut batch = vec![*candidate];
+    for _ in 0..100 * size {
+        if batch.len() >= size {
+            break;
+        }
+        let unit: Point = std::array::from_fn(|_| rng.random());
+        let x = near.from_unit(&unit);
+        if (tools.clear)(&x) {
+            batch.push(x);
+        }
+    }
+    batch
+}
+
+/// The surrogate plus what the strokes flown say of its errors.
+struct Corrected<'a> {
+    surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync),
+    errors: [Option<Kriging>; 4],
+}
+
+impl<'a> Corrected<'a> {
+    fn new(surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync), bounds: &Bounds, flown: &[Flown]) -> Self {
+        let known: Vec<(Point, [f64; 4], [f64; 4])> = flown
+            .iter()
+            .filter_map(|f| {
+                let (y, se) = f.means?;
+                let predicted = surrogate(&f.x).0;
+                Some((f.x, std::array::from_fn(|k| y[k] - predicted[k]), se))
+            })
+            .collect();
+        let points: Vec<Point> = known.iter().map(|k| k.0).collect();
+        let errors = std::array::from_fn(|k| {
+            let residuals: Vec<f64> = known.iter().map(|p| p.1[k]).collect();
+            let noise: Vec<f64> = known.iter().map(|p| p.2[k]).collect();
+            if points.is_empty() { None } else { Kriging::fit(bounds, &points, &residuals, &noise) }
+        });
+        Self { surrogate, errors }
+    }
+
+    fn at(&self, x: &Point) -> Jacobian {
+        let (mut y, mut jacobian) = (self.surrogate)(x);
+        for (k, error) in self.errors.iter().enumerate() {
+            let Some(error) = error else { continue };
+            let (value, gradient) = error.value_and_gradient(x);
+            y[k] += value;
+            for (slope, add) in jacobian[k].iter_mut().zip(gradient) {
+                *slope += add;
+            }
+        }
+        (y, jacobian)
+    }
+}
