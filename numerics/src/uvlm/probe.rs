@@ -57,7 +57,7 @@ impl Workload {
         let edge = |from: usize, to: usize| Edge { core: 1e-4, ..Edge::between(place(from), place(to), 0.25) };
         let node = |i: usize| Node {
             place: place(i),
-            spanwise: if i % columns > 0 { edge(i - 1, i) } else { Edge::NONE },
+            spanwise: if i.is_multiple_of(columns) { Edge::NONE } else { edge(i - 1, i) },
             chordwise: if i >= columns { edge(i - columns, i) } else { Edge::NONE },
         };
         Self { columns, nodes: (0..count).map(node).collect(), targets }
@@ -88,7 +88,7 @@ pub fn induce_plainly(sheet: &Sheet<'_>, target: [f64; 3]) -> [f64; 3] {
         }
     };
     for (i, node) in sheet.nodes.iter().enumerate() {
-        if i % sheet.columns > 0 {
+        if !i.is_multiple_of(sheet.columns) {
             add(&sheet.nodes[i - 1], node, &node.spanwise);
         }
         if i >= sheet.columns {
