@@ -11,6 +11,7 @@ mod level;
 mod loads;
 pub mod probe;
 mod settings;
+mod sheet;
 mod single;
 mod solver;
 mod suction;

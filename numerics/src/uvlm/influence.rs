@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::uvlm::kernel::{MAX_COLUMNS, Points, Seen, see_row, segment};
+use crate::uvlm::kernel::{Edge, MAX_COLUMNS, Points, Seen, factor, see};
 use crate::uvlm::level::{Level, MOST_LANES, Real, Work, dispatch};
 
 /// A matrix by columns, its rows padded to whole registers.
@@ -87,14 +87,27 @@ impl RingInfluence<'_> {
         dispatch(Fill { rings: self, matrix });
     }
 
-    /// Strength / 8π of a unit circulation, squared length and core of the segment
-    /// between two nodes; no strength without length.
     #[inline(always)]
-    fn numbers(&self, a: usize, b: usize) -> (f64, f64, f64) {
+    fn node(&self, i: usize) -> [f64; 3] {
         let [x, y, z] = self.nodes;
-        let (x, y, z) = (x[a] - x[b], y[a] - y[b], z[a] - z[b]);
-        let length2 = x * x + y * y + z * z;
-        (super::wake::strength(1.0, length2), length2, length2 * self.core * self.core)
+        [x[i], y[i], z[i]]
+    }
+
+    /// A segment of unit circulation.
+    #[inline(always)]
+    fn edge(&self, from: usize, to: usize) -> Edge {
+        let edge = Edge::between(self.node(from), self.node(to), 1.0);
+        Edge { core: edge.length2 * self.core * self.core, ..edge }
+    }
+
+    /// Velocity of a segment along the direction: d · (v x r) = (d x v) · r.
+    #[inline(always)]
+    fn along<S: Level>(&self, simd: S, a: &Seen<S, f64>, b: &Seen<S, f64>, edge: &Edge) -> S::f64s {
+        let ([dx, dy, dz], [vx, vy, vz]) = (self.direction, edge.vector);
+        let [x, y, z] = [dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx];
+        let across = [simd.splat_f64s(x), simd.splat_f64s(y), simd.splat_f64s(z)];
+        let f = factor(simd, a, b, edge);
+        simd.mul_f64s(b.dot(simd, across), simd.div_f64s(f.num, f.den))
     }
 }
 
@@ -111,18 +124,18 @@ impl Work for Fill<'_, '_> {
         let zero = simd.splat_f64s(0.0);
         let nothing = Seen::<S, f64>::nowhere(simd);
         let mut seen = [[nothing; MAX_COLUMNS]; 2];
-        let [x, y, z] = rings.direction;
-        let direction = [simd.splat_f64s(x), simd.splat_f64s(y), simd.splat_f64s(z)];
         for start in (0..rings.targets.len()).step_by(S::F64_LANES) {
             let target = rings.targets.load(simd, start);
             let [above, row] = &mut seen;
             let (mut above, mut row) = (&mut above[..columns], &mut row[..columns]);
             for j in 0..rings.nodes[0].len() / columns {
-                see_row(simd, rings.nodes, j * columns, &target, row);
+                for (k, place) in row.iter_mut().enumerate() {
+                    *place = see(simd, rings.node(j * columns + k), &target);
+                }
                 for k in 0..strips {
                     // The rear of the ring ahead, the front of the ring behind.
-                    let numbers = rings.numbers(j * columns + k, j * columns + k + 1);
-                    let v = along(simd, &segment(simd, &row[k], &row[k + 1], numbers), &direction);
+                    let edge = rings.edge(j * columns + k, j * columns + k + 1);
+                    let v = rings.along(simd, &row[k], &row[k + 1], &edge);
                     if j > 0 {
                         matrix.add(simd, start, (j - 1) * strips + k, v);
                     }
@@ -132,8 +145,8 @@ impl Work for Fill<'_, '_> {
                     }
                 }
                 for k in 0..if j > 0 { columns } else { 0 } {
-                    let numbers = rings.numbers((j - 1) * columns + k, j * columns + k);
-                    let v = along(simd, &segment(simd, &above[k], &row[k], numbers), &direction);
+                    let edge = rings.edge((j - 1) * columns + k, j * columns + k);
+                    let v = rings.along(simd, &above[k], &row[k], &edge);
                     if k > 0 {
                         matrix.add(simd, start, (j - 1) * strips + k - 1, simd.sub_f64s(zero, v));
                     }
@@ -145,14 +158,6 @@ impl Work for Fill<'_, '_> {
             }
         }
     }
-}
-
-#[inline(always)]
-fn along<S: Level>(simd: S, segment: &super::kernel::Segment<S, f64>, direction: &[S::f64s; 3]) -> S::f64s {
-    let [x, y, z] = segment.cross;
-    let xy = simd.mul_add_f64s(y, direction[1], simd.mul_f64s(x, direction[0]));
-    let dot = simd.mul_add_f64s(z, direction[2], xy);
-    simd.mul_f64s(dot, simd.div_f64s(segment.num, segment.den))
 }
 
 /// Solves (own + image) Γ = b, where `own` never changes.

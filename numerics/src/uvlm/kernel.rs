@@ -10,111 +10,8 @@
 //! of the sheet's segments: the result has the same bits on every instruction
 //! level, whether a register holds one target or sixteen.
 
-use crate::uvlm::level::{Level, MOST_LANES, Real, Work, dispatch};
-
-/// Points or vectors, one array per component, padded to whole registers.
-#[derive(Debug, Clone, Default)]
-pub struct Points<T = f64> {
-    len: usize,
-    /// Forward components.
-    pub x: Vec<T>,
-    /// Outboard components.
-    pub y: Vec<T>,
-    /// Upward components.
-    pub z: Vec<T>,
-}
-
-impl<T: Real> Points<T> {
-    /// `len` points at the origin.
-    pub fn zeros(len: usize) -> Self {
-        let mut points = Self::default();
-        points.resize(len);
-        points
-    }
-
-    /// How many points.
-    pub fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// Changes the number of points; new ones are at the origin.
-    pub fn resize(&mut self, len: usize) {
-        self.len = len;
-        let padded = len.next_multiple_of(MOST_LANES);
-        for component in [&mut self.x, &mut self.y, &mut self.z] {
-            component.resize(padded, T::default());
-        }
-    }
-
-    /// Point `i`.
-    #[inline]
-    pub fn get(&self, i: usize) -> [f64; 3] {
-        [self.x[i].double(), self.y[i].double(), self.z[i].double()]
-    }
-
-    /// Sets point `i`.
-    #[inline]
-    pub fn set(&mut self, i: usize, [x, y, z]: [f64; 3]) {
-        (self.x[i], self.y[i], self.z[i]) = (T::of(x), T::of(y), T::of(z));
-    }
-
-    /// A register of points from point `start` on.
-    #[inline(always)]
-    pub(super) fn load<S: Level>(&self, simd: S, start: usize) -> [T::Lanes<S>; 3] {
-        [T::load(simd, &self.x[start..]), T::load(simd, &self.y[start..]), T::load(simd, &self.z[start..])]
-    }
-
-    /// Sets a register of points from point `start` on.
-    #[inline(always)]
-    pub(super) fn store<S: Level>(&mut self, simd: S, start: usize, [x, y, z]: [T::Lanes<S>; 3]) {
-        T::store(simd, &mut self.x[start..], x);
-        T::store(simd, &mut self.y[start..], y);
-        T::store(simd, &mut self.z[start..], z);
-    }
-
-    /// Sets every component to zero.
-    pub fn clear(&mut self) {
-        for component in [&mut self.x, &mut self.y, &mut self.z] {
-            component.fill(T::default());
-        }
-    }
-}
-
-/// Numbers of a sheet's segments of one direction.
-#[derive(Debug, Clone, Copy)]
-pub struct Segments<'a, T = f64> {
-    /// Circulation / 8π, m²/s.
-    pub strength: &'a [T],
-    /// Squared length r0², m².
-    pub length2: &'a [T],
-    /// (length x core radius)², m⁴.
-    pub core: &'a [T],
-}
-
-impl<'a, T> Segments<'a, T> {
-    #[inline(always)]
-    fn range(&self, range: std::ops::Range<usize>) -> Self {
-        Self { strength: &self.strength[range.clone()], length2: &self.length2[range.clone()], core: &self.core[range] }
-    }
-}
-
-/// A grid of vortex segments: `rows x columns` nodes, row by row.
-#[derive(Debug, Clone, Copy)]
-pub struct Sheet<'a, T = f64> {
-    /// Nodes in a row.
-    pub columns: usize,
-    /// Node coordinates, `rows * columns` each.
-    pub nodes: [&'a [T]; 3],
-    /// From node (j, k) to (j, k+1), `rows * (columns - 1)`.
-    pub spanwise: Segments<'a, T>,
-    /// From node (j, k) to (j+1, k), `(rows - 1) * columns`.
-    pub chordwise: Segments<'a, T>,
-}
+use crate::uvlm::level::{Level, Real, Work, dispatch};
+pub use crate::uvlm::sheet::{Edge, Node, Points, Sheet, segments};
 
 /// Largest number of nodes in a row.
 pub const MAX_COLUMNS: usize = 64;
@@ -144,10 +41,16 @@ impl<S: Level, T: Real> Seen<S, T> {
         let zero = T::splat(simd, T::default());
         Self { x: zero, y: zero, z: zero, r: zero }
     }
+
+    /// The offset along a vector.
+    #[inline(always)]
+    pub(super) fn dot(&self, simd: S, [x, y, z]: [T::Lanes<S>; 3]) -> T::Lanes<S> {
+        T::mul_add(simd, self.z, z, T::mul_add(simd, self.y, y, T::mul(simd, self.x, x)))
+    }
 }
 
 #[inline(always)]
-fn see<S: Level, T: Real>(simd: S, node: [T; 3], target: &[T::Lanes<S>; 3]) -> Seen<S, T> {
+pub(super) fn see<S: Level, T: Real>(simd: S, node: [T; 3], target: &[T::Lanes<S>; 3]) -> Seen<S, T> {
     let x = T::sub(simd, target[0], T::splat(simd, node[0]));
     let y = T::sub(simd, target[1], T::splat(simd, node[1]));
     let z = T::sub(simd, target[2], T::splat(simd, node[2]));
@@ -156,119 +59,198 @@ fn see<S: Level, T: Real>(simd: S, node: [T; 3], target: &[T::Lanes<S>; 3]) -> S
     Seen { x, y, z, r }
 }
 
-/// One segment before its division: velocity = `cross * num / den`.
-pub(super) struct Segment<S: Level, T: Real> {
-    pub(super) cross: [T::Lanes<S>; 3],
+/// A segment's factor before its division: velocity = `num / den` (vector x offset from an end).
+pub(super) struct Factor<S: Level, T: Real> {
     pub(super) num: T::Lanes<S>,
     pub(super) den: T::Lanes<S>,
 }
 
-/// Segment from `a` to `b`:
+/// The factor of a segment from `a` to `b`:
 ///
 /// V = Γ/4π (r1 + r2)(r1 r2 - r1·r2) / [r1 r2 (|r1 x r2|² + r0² rc²)] (r1 x r2)
 ///
 /// (Katz & Plotkin, Low-Speed Aerodynamics, Eq. 10.115 with a core), with
-/// q = r0² - (r1 - r2)² for 2(r1 r2 - r1·r2), so that |r1 x r2|² = q (r1 r2 - q/4).
+/// q = r0² - (r1 - r2)² for 2(r1 r2 - r1·r2), so that |r1 x r2|² = q (r1 r2 - q/4),
+/// and r1 x r2 = r0 x r2, which far away is no difference of large numbers.
 /// On the segment's extension the velocity is zero.
 #[inline(always)]
-pub(super) fn segment<S: Level, T: Real>(
-    simd: S,
-    a: &Seen<S, T>,
-    b: &Seen<S, T>,
-    (strength, length2, core): (T, T, T),
-) -> Segment<S, T> {
-    let cx = T::sub_mul(simd, T::mul(simd, a.y, b.z), a.z, b.y);
-    let cy = T::sub_mul(simd, T::mul(simd, a.z, b.x), a.x, b.z);
-    let cz = T::sub_mul(simd, T::mul(simd, a.x, b.y), a.y, b.x);
+pub(super) fn factor<S: Level, T: Real>(simd: S, a: &Seen<S, T>, b: &Seen<S, T>, edge: &Edge<T>) -> Factor<S, T> {
     let product = T::mul(simd, a.r, b.r);
     let difference = T::sub(simd, a.r, b.r);
-    let q = T::sub_mul(simd, T::splat(simd, length2), difference, difference);
+    let q = T::sub_mul(simd, T::splat(simd, edge.length2), difference, difference);
     let share = T::sub_mul(simd, product, q, T::splat(simd, T::of(0.25)));
-    let cross2 = T::mul_add(simd, q, share, T::splat(simd, core));
+    let cross2 = T::mul_add(simd, q, share, T::splat(simd, edge.core));
     let den = T::mul_add(simd, product, cross2, T::splat(simd, T::SMALLEST));
-    let sum = T::mul(simd, T::add(simd, a.r, b.r), T::splat(simd, strength));
-    Segment { cross: [cx, cy, cz], num: T::mul(simd, sum, q), den }
+    Factor { num: T::mul(simd, T::add(simd, a.r, b.r), q), den }
 }
 
+/// factor x vector
 #[inline(always)]
-fn accumulate<S: Level, T: Real>(
+fn scaled<S: Level, T: Real>(simd: S, factor: T::Lanes<S>, vector: &[T; 3]) -> [T::Lanes<S>; 3] {
+    let [x, y, z] = [T::splat(simd, vector[0]), T::splat(simd, vector[1]), T::splat(simd, vector[2])];
+    [T::mul(simd, factor, x), T::mul(simd, factor, y), T::mul(simd, factor, z)]
+}
+
+/// sum + factor x vector
+#[inline(always)]
+fn scaled_added<S: Level, T: Real>(
     simd: S,
-    velocity: &mut [T::Lanes<S>; 3],
-    segment: &Segment<S, T>,
     factor: T::Lanes<S>,
-) {
-    for (v, c) in velocity.iter_mut().zip(segment.cross) {
-        *v = T::mul_add(simd, factor, c, *v);
-    }
+    vector: &[T; 3],
+    sum: [T::Lanes<S>; 3],
+) -> [T::Lanes<S>; 3] {
+    let [x, y, z] = [T::splat(simd, vector[0]), T::splat(simd, vector[1]), T::splat(simd, vector[2])];
+    [T::mul_add(simd, factor, x, sum[0]), T::mul_add(simd, factor, y, sum[1]), T::mul_add(simd, factor, z, sum[2])]
 }
 
-/// Adds one segment.
+/// sum + u x offset
 #[inline(always)]
-fn add_one<S: Level, T: Real>(simd: S, velocity: &mut [T::Lanes<S>; 3], s: &Segment<S, T>) {
-    accumulate(simd, velocity, s, T::div(simd, s.num, s.den));
-}
-
-/// Adds two segments with one division between them.
-#[inline(always)]
-fn add_two<S: Level, T: Real>(simd: S, velocity: &mut [T::Lanes<S>; 3], s: &Segment<S, T>, t: &Segment<S, T>) {
-    let inverse = T::div(simd, T::splat(simd, T::of(1.0)), T::mul(simd, s.den, t.den));
-    accumulate(simd, velocity, s, T::mul(simd, T::mul(simd, s.num, t.den), inverse));
-    accumulate(simd, velocity, t, T::mul(simd, T::mul(simd, t.num, s.den), inverse));
-}
-
-#[inline(always)]
-fn numbers<T: Real>(segments: &Segments<'_, T>) -> impl Iterator<Item = (T, T, T)> {
-    segments.strength.iter().zip(segments.length2).zip(segments.core).map(|((s, l), c)| (*s, *l, *c))
-}
-
-/// All distances of a row first, then its segments: two short chains of
-/// operations keep the processor busier than one long one.
-#[inline(always)]
-pub(super) fn see_row<S: Level, T: Real>(
+fn cross_added<S: Level, T: Real>(
     simd: S,
-    nodes: [&[T]; 3],
-    first: usize,
-    target: &[T::Lanes<S>; 3],
-    seen: &mut [Seen<S, T>],
-) {
-    let [x, y, z] = nodes.map(|c| &c[first..first + seen.len()]);
-    for (((x, y), z), place) in x.iter().zip(y).zip(z).zip(seen) {
-        *place = see(simd, [*x, *y, *z], target);
+    u: [T::Lanes<S>; 3],
+    offset: &Seen<S, T>,
+    sum: [T::Lanes<S>; 3],
+) -> [T::Lanes<S>; 3] {
+    [
+        T::sub_mul(simd, T::mul_add(simd, u[1], offset.z, sum[0]), u[2], offset.y),
+        T::sub_mul(simd, T::mul_add(simd, u[2], offset.x, sum[1]), u[0], offset.z),
+        T::sub_mul(simd, T::mul_add(simd, u[0], offset.y, sum[2]), u[1], offset.x),
+    ]
+}
+
+/// The two segments which end at a node, with one division between them.
+#[derive(Clone, Copy)]
+struct Pair<S: Level, T: Real> {
+    /// Numerators over the common denominator.
+    spanwise: T::Lanes<S>,
+    chordwise: T::Lanes<S>,
+    /// 1 / common denominator.
+    inverse: T::Lanes<S>,
+}
+
+impl<S: Level, T: Real> Pair<S, T> {
+    #[inline(always)]
+    fn none(simd: S) -> Self {
+        let zero = T::splat(simd, T::default());
+        Self { spanwise: zero, chordwise: zero, inverse: zero }
+    }
+
+    /// `inverse` is yet the denominator.
+    #[inline(always)]
+    fn undivided(simd: S, node: &Node<T>, inboard: &Seen<S, T>, above: &Seen<S, T>, here: &Seen<S, T>) -> Self {
+        let s = factor(simd, inboard, here, &node.spanwise);
+        let t = factor(simd, above, here, &node.chordwise);
+        let spanwise = T::mul(simd, s.num, t.den);
+        let chordwise = T::mul(simd, t.num, s.den);
+        Self { spanwise, chordwise, inverse: T::mul(simd, s.den, t.den) }
+    }
+
+    #[inline(always)]
+    fn divide(&mut self, simd: S) {
+        self.inverse = T::div(simd, T::splat(simd, T::of(1.0)), self.inverse);
+    }
+
+    /// Both segments end at the node, so that their vectors are added before they are crossed.
+    #[inline(always)]
+    fn added(&self, simd: S, node: &Node<T>, here: &Seen<S, T>, velocity: [T::Lanes<S>; 3]) -> [T::Lanes<S>; 3] {
+        let u = scaled::<S, T>(simd, T::mul(simd, self.spanwise, self.inverse), &node.spanwise.vector);
+        let factor = T::mul(simd, self.chordwise, self.inverse);
+        let u = scaled_added::<S, T>(simd, factor, &node.chordwise.vector, u);
+        cross_added(simd, u, here, velocity)
     }
 }
 
-/// Adds the velocity at a register of targets. `seen` holds two rows of nodes.
+/// How many nodes are looked at before their segments are evaluated; even.
+const AHEAD: usize = 4;
+const SLOTS: usize = 2 * MAX_COLUMNS;
+
+/// The last nodes seen, a row and a few more, node n in slot n modulo a power of two.
+/// No larger than the row needs, so that it stays in the nearest cache.
+struct Ring<S: Level, T: Real> {
+    slots: [Seen<S, T>; SLOTS],
+    mask: usize,
+}
+
+impl<S: Level, T: Real> Ring<S, T> {
+    #[inline(always)]
+    fn new(simd: S, columns: usize) -> Self {
+        let mask = (columns + AHEAD + 3).next_power_of_two() - 1;
+        Self { slots: [Seen::nowhere(simd); SLOTS], mask: mask & (SLOTS - 1) }
+    }
+
+    #[inline(always)]
+    fn at(&self, n: usize) -> &Seen<S, T> {
+        &self.slots[n & self.mask & (SLOTS - 1)]
+    }
+
+    #[inline(always)]
+    fn see(&mut self, simd: S, n: usize, node: &Node<T>, target: &[T::Lanes<S>; 3]) {
+        self.slots[n & self.mask & (SLOTS - 1)] = see(simd, node.place, target);
+    }
+}
+
+/// Adds the velocity at a register of targets. Node after node in one loop: the roots of
+/// nodes ahead and the quotients of the nodes behind are under way while segments are
+/// evaluated, for either takes as long as all the rest.
 #[inline(always)]
 fn induce_block<S: Level, T: Real>(
     simd: S,
     sheet: &Sheet<'_, T>,
     target: &[T::Lanes<S>; 3],
-    mut velocity: [T::Lanes<S>; 3],
-    seen: &mut [[Seen<S, T>; MAX_COLUMNS]; 2],
+    velocity: [T::Lanes<S>; 3],
+    ring: &mut Ring<S, T>,
 ) -> [T::Lanes<S>; 3] {
-    let (columns, strips) = (sheet.columns, sheet.columns - 1);
-    let [above, row] = seen;
-    let (mut above, mut row) = (&mut above[..columns], &mut row[..columns]);
-    see_row(simd, sheet.nodes, 0, target, above);
-    let first = sheet.spanwise.range(0..strips);
-    for ((a, b), along) in above.iter().zip(&above[1..]).zip(numbers(&first)) {
-        add_one(simd, &mut velocity, &segment(simd, a, b, along));
+    let columns = sheet.columns;
+    let mut velocity = first_row(simd, &sheet.nodes[..columns], target, velocity, ring);
+    let (pairs, odd) = sheet.nodes[columns..].as_chunks::<2>();
+    for (i, node) in sheet.nodes[columns..].iter().take(AHEAD).enumerate() {
+        ring.see(simd, columns + i, node, target);
     }
-    for j in 1..sheet.nodes[0].len() / columns {
-        see_row(simd, sheet.nodes, j * columns, target, row);
-        let along = sheet.spanwise.range(j * strips..(j + 1) * strips);
-        let down = sheet.chordwise.range((j - 1) * columns..j * columns);
-        let root = (down.strength[0], down.length2[0], down.core[0]);
-        add_one(simd, &mut velocity, &segment(simd, &above[0], &row[0], root));
-        let down = down.range(1..columns);
-        let mut inboard = row[0];
-        for (((node, over), along), down) in row[1..].iter().zip(&above[1..]).zip(numbers(&along)).zip(numbers(&down)) {
-            let s = segment(simd, &inboard, node, along);
-            let t = segment(simd, over, node, down);
-            add_two(simd, &mut velocity, &s, &t);
-            inboard = *node;
+    let Some(mut before) = pairs.first() else { return velocity };
+    let mut inboard = *ring.at(columns - 1);
+    let (mut p, mut q) = (Pair::none(simd), Pair::none(simd));
+    let mut n = columns;
+    for (i, pair) in pairs.iter().enumerate() {
+        let ahead = &pairs[(i + AHEAD / 2).min(pairs.len() - 1)];
+        ring.see(simd, n + AHEAD, &ahead[0], target);
+        velocity = p.added(simd, &before[0], ring.at(n - 2), velocity);
+        p = Pair::undivided(simd, &pair[0], &inboard, ring.at(n - columns), ring.at(n));
+        ring.see(simd, n + AHEAD + 1, &ahead[1], target);
+        velocity = q.added(simd, &before[1], ring.at(n - 1), velocity);
+        q = Pair::undivided(simd, &pair[1], ring.at(n), ring.at(n + 1 - columns), ring.at(n + 1));
+        inboard = *ring.at(n + 1);
+        p.divide(simd);
+        q.divide(simd);
+        before = pair;
+        n += 2;
+    }
+    velocity = p.added(simd, &before[0], ring.at(n - 2), velocity);
+    velocity = q.added(simd, &before[1], ring.at(n - 1), velocity);
+    if let [node] = odd {
+        ring.see(simd, n, node, target);
+        let mut p = Pair::undivided(simd, node, &inboard, ring.at(n - columns), ring.at(n));
+        p.divide(simd);
+        velocity = p.added(simd, node, ring.at(n), velocity);
+    }
+    velocity
+}
+
+/// The first row, which has no segments from a row before.
+#[inline(always)]
+fn first_row<S: Level, T: Real>(
+    simd: S,
+    row: &[Node<T>],
+    target: &[T::Lanes<S>; 3],
+    mut velocity: [T::Lanes<S>; 3],
+    ring: &mut Ring<S, T>,
+) -> [T::Lanes<S>; 3] {
+    for (n, node) in row.iter().enumerate() {
+        ring.see(simd, n, node, target);
+        if n > 0 {
+            let f = factor(simd, ring.at(n - 1), ring.at(n), &node.spanwise);
+            let u = scaled::<S, T>(simd, T::div(simd, f.num, f.den), &node.spanwise.vector);
+            velocity = cross_added(simd, u, ring.at(n), velocity);
         }
-        std::mem::swap(&mut above, &mut row);
     }
     velocity
 }
@@ -284,10 +266,10 @@ impl<T: Real> Work for Induce<'_, '_, T> {
     #[inline(always)]
     fn run<S: Level>(self, simd: S) {
         let Self { sheet, targets, velocity } = self;
-        let mut seen = [[Seen::<S, T>::nowhere(simd); MAX_COLUMNS]; 2];
+        let mut ring = Ring::new(simd, sheet.columns);
         for start in (0..targets.len()).step_by(T::lanes::<S>()) {
             let target = targets.load(simd, start);
-            let v = induce_block(simd, sheet, &target, velocity.load(simd, start), &mut seen);
+            let v = induce_block(simd, sheet, &target, velocity.load(simd, start), &mut ring);
             velocity.store(simd, start, v);
         }
     }
@@ -303,28 +285,26 @@ impl<T: Real> Work for Induce<'_, '_, T> {
 /// shorter than `targets`; both are the solver's own.
 pub fn induce<T: Real>(sheet: &Sheet<'_, T>, targets: &Points<T>, velocity: &mut Points<T>) {
     assert!((2..=MAX_COLUMNS).contains(&sheet.columns) && velocity.len() >= targets.len());
+    assert!(sheet.nodes.len() >= sheet.columns && sheet.nodes.len().is_multiple_of(sheet.columns));
     dispatch(Induce { sheet, targets, velocity });
 }
 
 /// How many segment-target pairs a call of [`induce`] evaluates.
 pub fn interactions<T: Real>(sheet: &Sheet<'_, T>, targets: &Points<T>) -> u64 {
-    ((sheet.spanwise.strength.len() + sheet.chordwise.strength.len()) * targets.len()) as u64
+    (segments(sheet) * targets.len()) as u64
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn same_bits_everywhere<T: Real + PartialEq + std::fmt::Debug>() {
-        let columns = 5;
-        let fold = |step: f64, count: usize| (0..count).map(|i| T::of((i as f64 * step).fract())).collect::<Vec<_>>();
-        let nodes = [fold(0.618, 35), fold(0.414, 35), fold(0.732, 35)];
-        let numbers = |count| (fold(0.271, count), fold(0.577, count), fold(0.161, count));
-        let (spanwise, chordwise) = (numbers(28), numbers(30));
-        let segments = |n: &'static (Vec<T>, Vec<T>, Vec<T>)| Segments { strength: &n.0, length2: &n.1, core: &n.2 };
-        let (spanwise, chordwise) = (Box::leak(Box::new(spanwise)), Box::leak(Box::new(chordwise)));
-        let [x, y, z] = &nodes;
-        let sheet = Sheet { columns, nodes: [x, y, z], spanwise: segments(spanwise), chordwise: segments(chordwise) };
+    fn same_bits_everywhere<T: Real + PartialEq + std::fmt::Debug>(columns: usize) {
+        let number = |i: usize, step: f64| T::of((i as f64 * step).fract());
+        let three = |i: usize, steps: [f64; 3]| steps.map(|step| number(i, step));
+        let edge = |i| Edge { vector: three(i, [0.3, 0.8, 0.9]), length2: number(i, 0.577), core: number(i, 0.161) };
+        let node = |i| Node { place: three(i, [0.618, 0.414, 0.732]), spanwise: edge(i + 3), chordwise: edge(i) };
+        let nodes: Vec<Node<T>> = (0..7 * columns).map(node).collect();
+        let sheet = Sheet { columns, nodes: &nodes };
         let mut targets = Points::<T>::zeros(21);
         (0..21).for_each(|i| targets.set(i, [0.1, 0.7, 0.3].map(|s| (f64::from(i as u32) * s).fract())));
         let found: Vec<Points<T>> = crate::uvlm::level::available()
@@ -346,22 +326,30 @@ mod tests {
 
     #[test]
     fn every_level_gives_the_same_bits() {
-        same_bits_everywhere::<f64>();
-        same_bits_everywhere::<f32>();
+        for columns in [2, 5, 6] {
+            same_bits_everywhere::<f64>(columns);
+            same_bits_everywhere::<f32>(columns);
+        }
     }
 
     #[test]
     fn square_ring_and_its_mirror() {
         let a = 0.3;
-        let (x, y, z) = ([0.0, 0.0, a, a], [0.0, a, 0.0, a], [0.0; 4]);
-        let g = 1.0 / (8.0 * std::f64::consts::PI);
-        // Counter-clockwise seen from above: down the left side, ...
-        let sheet = Sheet {
-            columns: 2,
-            nodes: [&x, &y, &z],
-            spanwise: Segments { strength: &[-g, g], length2: &[a * a; 2], core: &[1e-30; 2] },
-            chordwise: Segments { strength: &[g, -g], length2: &[a * a; 2], core: &[1e-30; 2] },
+        let corners = [[0.0, 0.0, 0.0], [0.0, a, 0.0], [a, 0.0, 0.0], [a, a, 0.0]];
+        let edge = |from: usize, to: usize, circulation| Edge {
+            core: 1e-30,
+            ..Edge::between(corners[from], corners[to], circulation)
         };
+        // Counter-clockwise seen from above: down the left side, ...
+        let edges = [
+            (Edge::NONE, Edge::NONE),
+            (edge(0, 1, -1.0), Edge::NONE),
+            (Edge::NONE, edge(0, 2, 1.0)),
+            (edge(2, 3, 1.0), edge(1, 3, -1.0)),
+        ];
+        let node = |i: usize| Node { place: corners[i], spanwise: edges[i].0, chordwise: edges[i].1 };
+        let nodes = [0, 1, 2, 3].map(node);
+        let sheet = Sheet { columns: 2, nodes: &nodes };
         let mut targets = Points::zeros(3);
         targets.set(0, [a / 2.0, a / 2.0, 0.0]);
         targets.set(1, [0.0, 0.0, 0.0]);

@@ -115,7 +115,8 @@ pub const MOST_LANES: usize = 16;
 pub trait Real: Copy + Default + 'static {
     /// A register of such numbers.
     type Lanes<S: Level>: Copy;
-    /// Added to squared distances: keeps a node's own distance from being zero.
+    /// Added to squared distances: keeps a node's own distance from being zero, and
+    /// what it divides from being all rounding error.
     const CLOSEST2: Self;
     /// Added to denominators: keeps a node's own velocity 0 instead of 0/0.
     const SMALLEST: Self;
@@ -247,7 +248,7 @@ real!(
     f32,
     f32s,
     F32_LANES,
-    1e-18,
+    1e-12,
     1e-18,
     single_root,
     splat_f32s,

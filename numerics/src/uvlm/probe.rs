@@ -1,6 +1,6 @@
 //! Work of known size, to measure a machine by. Nothing here keeps time.
 
-use crate::uvlm::kernel::{Points, Segments, Sheet};
+use crate::uvlm::kernel::{Edge, Node, Points, Sheet};
 
 /// Independent chains of multiply-adds: enough to hide their latency.
 const CHAINS: usize = 12;
@@ -40,11 +40,7 @@ impl pulp::NullaryFnOnce for MultiplyAdds {
 #[derive(Debug, Clone)]
 pub struct Workload {
     columns: usize,
-    nodes: [Vec<f64>; 3],
-    strengths: Vec<f64>,
-    /// Squared lengths of spanwise and chordwise segments.
-    lengths2: [Vec<f64>; 2],
-    cores: Vec<f64>,
+    nodes: Vec<Node>,
     /// The targets: the nodes themselves.
     pub targets: Points,
 }
@@ -54,60 +50,50 @@ impl Workload {
     pub fn new(rows: usize, columns: usize) -> Self {
         let count = rows * columns;
         // Multiples of irrational numbers, folded into the unit cube.
-        let folded = |step: f64| (0..count).map(|i| (i as f64 * step).fract()).collect::<Vec<_>>();
-        let nodes = [folded(0.618_033_988_7), folded(0.414_213_562_4), folded(0.732_050_807_6)];
+        let place =
+            |i: usize| [0.618_033_988_7, 0.414_213_562_4, 0.732_050_807_6].map(|step| (i as f64 * step).fract());
         let mut targets = Points::zeros(count);
-        (0..count).for_each(|i| targets.set(i, [0, 1, 2].map(|c: usize| nodes[c][i])));
-        let length2 = |a: usize, b: usize| nodes.iter().map(|c| (c[a] - c[b]).powi(2)).sum::<f64>();
-        let across = (0..rows * (columns - 1)).map(|i| i / (columns - 1) * columns + i % (columns - 1));
-        let lengths2 = [
-            across.map(|first| length2(first, first + 1)).collect(),
-            (0..(rows - 1) * columns).map(|first| length2(first, first + columns)).collect(),
-        ];
-        Self { columns, lengths2, strengths: vec![0.01; count], cores: vec![1e-4; count], nodes, targets }
-    }
-
-    fn segments(&self, direction: usize, count: usize) -> Segments<'_> {
-        Segments { strength: &self.strengths[..count], length2: &self.lengths2[direction], core: &self.cores[..count] }
+        (0..count).for_each(|i| targets.set(i, place(i)));
+        let edge = |from: usize, to: usize| Edge { core: 1e-4, ..Edge::between(place(from), place(to), 0.25) };
+        let node = |i: usize| Node {
+            place: place(i),
+            spanwise: if i.is_multiple_of(columns) { Edge::NONE } else { edge(i - 1, i) },
+            chordwise: if i >= columns { edge(i - columns, i) } else { Edge::NONE },
+        };
+        Self { columns, nodes: (0..count).map(node).collect(), targets }
     }
 
     /// The sheet.
     pub fn sheet(&self) -> Sheet<'_> {
-        let rows = self.nodes[0].len() / self.columns;
-        let (across, along) = (rows * (self.columns - 1), (rows - 1) * self.columns);
-        Sheet {
-            columns: self.columns,
-            nodes: [&self.nodes[0], &self.nodes[1], &self.nodes[2]],
-            spanwise: self.segments(0, across),
-            chordwise: self.segments(1, along),
-        }
+        Sheet { columns: self.columns, nodes: &self.nodes }
     }
 }
 
 /// The sheet's velocity at one point, segment by segment as a textbook writes it:
 /// what the kernel is measured against and tested with.
 pub fn induce_plainly(sheet: &Sheet<'_>, target: [f64; 3]) -> [f64; 3] {
-    let columns = sheet.columns;
-    let node = |i: usize| [0, 1, 2].map(|c| target[c] - sheet.nodes[c][i]);
     let mut velocity = [0.0; 3];
-    let mut add = |from: usize, to: usize, strength: f64, core: f64| {
-        let (a, b) = (node(from), node(to));
-        let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let mut add = |from: &Node, to: &Node, edge: &Edge| {
+        let [a, b] = [from, to].map(|n| [0, 1, 2].map(|c: usize| target[c] - n.place[c]));
+        let cross = |p: [f64; 3], q: [f64; 3]| {
+            [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
+        };
         let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
         let (ra, rb) = (dot(a, a).sqrt(), dot(b, b).sqrt());
         let product = ra * rb;
-        let den = product * (dot(cross, cross) + core);
+        let den = product * (dot(cross(a, b), cross(a, b)) + edge.core);
         if den > 0.0 {
-            let factor = 2.0 * strength * (ra + rb) * (product - dot(a, b)) / den;
-            velocity.iter_mut().zip(cross).for_each(|(v, c)| *v += factor * c);
+            let factor = 2.0 * (ra + rb) * (product - dot(a, b)) / den;
+            velocity.iter_mut().zip(cross(edge.vector, b)).for_each(|(v, c)| *v += factor * c);
         }
     };
-    for (i, strength) in sheet.spanwise.strength.iter().enumerate() {
-        let first = i / (columns - 1) * columns + i % (columns - 1);
-        add(first, first + 1, *strength, sheet.spanwise.core[i]);
-    }
-    for (i, strength) in sheet.chordwise.strength.iter().enumerate() {
-        add(i, i + columns, *strength, sheet.chordwise.core[i]);
+    for (i, node) in sheet.nodes.iter().enumerate() {
+        if !i.is_multiple_of(sheet.columns) {
+            add(&sheet.nodes[i - 1], node, &node.spanwise);
+        }
+        if i >= sheet.columns {
+            add(&sheet.nodes[i - sheet.columns], node, &node.chordwise);
+        }
     }
     velocity
 }

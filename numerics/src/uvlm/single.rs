@@ -1,13 +1,11 @@
 //! The wake's velocities in single precision.
 
-use crate::uvlm::kernel::{Points, Segments, Sheet, induce};
+use crate::uvlm::kernel::{Edge, Node, Points, Sheet, induce};
 
 /// Single-precision copies of a sheet and targets, in units of the sheet's own size.
 #[derive(Debug, Clone, Default)]
 pub struct SingleWake {
-    nodes: [Vec<f32>; 3],
-    spanwise: [Vec<f32>; 3],
-    chordwise: [Vec<f32>; 3],
+    nodes: Vec<Node<f32>>,
     targets: Points<f32>,
     velocity: Points<f32>,
 }
@@ -20,45 +18,41 @@ fn scale_for(size: f64) -> f64 {
     2.0_f64.powi((2 - exponent).clamp(-60, 60))
 }
 
-fn copy(to: &mut Vec<f32>, from: &[f64], scale: f64) {
-    to.clear();
-    to.extend(from.iter().map(|x| (x * scale) as f32));
-}
+/// Above all cores of segments, whose lengths are below 20, and far from the largest number.
+const NO_CORE: f64 = 1e8;
 
 /// Lengths x `scale`; velocity then comes out divided by it.
-fn copy_segments(to: &mut [Vec<f32>; 3], from: &Segments<'_>, scale: f64) {
-    copy(&mut to[0], from.strength, 1.0);
-    copy(&mut to[1], from.length2, scale * scale);
-    copy(&mut to[2], from.core, scale.powi(4));
+fn edge(from: &Edge, scale: f64) -> Edge<f32> {
+    let scale2 = scale * scale;
+    Edge {
+        vector: from.vector.map(|x| (x * scale) as f32),
+        length2: (from.length2 * scale2) as f32,
+        core: (from.core * (scale2 * scale2)).min(NO_CORE) as f32,
+    }
 }
 
-fn segments(from: &[Vec<f32>; 3]) -> Segments<'_, f32> {
-    Segments { strength: &from[0], length2: &from[1], core: &from[2] }
+fn node(from: &Node, scale: f64) -> Node<f32> {
+    Node {
+        place: from.place.map(|x| (x * scale) as f32),
+        spanwise: edge(&from.spanwise, scale),
+        chordwise: edge(&from.chordwise, scale),
+    }
 }
 
 impl SingleWake {
     /// Adds the velocity the sheet induces at the targets, m/s.
     pub fn induce(&mut self, sheet: &Sheet<'_>, targets: &Points, velocity: &mut Points) {
-        let size = sheet.nodes.iter().flat_map(|c| c.iter()).fold(0.0_f64, |m, x| m.max(x.abs()));
+        let size = sheet.nodes.iter().flat_map(|n| n.place).fold(0.0_f64, |m, x| m.max(x.abs()));
         let scale = scale_for(size);
-        for (to, from) in self.nodes.iter_mut().zip(sheet.nodes) {
-            copy(to, from, scale);
-        }
-        copy_segments(&mut self.spanwise, &sheet.spanwise, scale);
-        copy_segments(&mut self.chordwise, &sheet.chordwise, scale);
+        self.nodes.clear();
+        self.nodes.extend(sheet.nodes.iter().map(|n| node(n, scale)));
         self.targets.resize(targets.len());
         self.velocity.resize(targets.len());
         self.velocity.clear();
         for i in 0..targets.len() {
             self.targets.set(i, targets.get(i).map(|x| x * scale));
         }
-        let [x, y, z] = &self.nodes;
-        let single = Sheet {
-            columns: sheet.columns,
-            nodes: [x, y, z],
-            spanwise: segments(&self.spanwise),
-            chordwise: segments(&self.chordwise),
-        };
+        let single = Sheet { columns: sheet.columns, nodes: &self.nodes };
         induce(&single, &self.targets, &mut self.velocity);
         let sums = [&mut velocity.x, &mut velocity.y, &mut velocity.z];
         for (sum, add) in sums.into_iter().zip([&self.velocity.x, &self.velocity.y, &self.velocity.z]) {

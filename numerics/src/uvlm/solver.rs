@@ -174,7 +174,7 @@ impl Solver {
         self.wake_on_wing(dt);
         self.solve(pose)?;
         self.vorticity.set_bound(&self.history[0]);
-        self.vorticity.assemble();
+        self.vorticity.assemble_bound();
         self.relative_flow(pose);
         self.differentiate(dt);
         let flow = Flow { circulation: &self.history[0], rate: &self.rate, relative: &self.relative };

@@ -1,9 +1,6 @@
 //! Bound rings and free wake as one sheet, so that the edges they share are one segment.
 
-use std::f64::consts::PI;
-
-use crate::uvlm::kernel::{Segments, Sheet};
-use crate::uvlm::level::Real;
+use crate::uvlm::kernel::{Edge, Node, Sheet};
 
 /// A grid of vortex rings, wing first, then wake from young to old; one wing's, the
 /// other's is its mirror image in y = 0.
@@ -17,29 +14,6 @@ pub struct Rings<'a> {
     pub nodes: [&'a [f64]; 3],
     /// Circulations row by row, `(rows - 1) x (columns - 1)`, m²/s.
     pub circulation: &'a [f64],
-}
-
-/// Numbers of the segments of one direction, as [`Segments`] wants them.
-#[derive(Debug, Clone, Default)]
-struct Edges<T = f64> {
-    strength: Vec<T>,
-    length2: Vec<T>,
-    core: Vec<T>,
-}
-
-impl<T: Real> Edges<T> {
-    fn new(count: usize) -> Self {
-        let zeros = || vec![T::default(); count];
-        Self { strength: zeros(), length2: zeros(), core: zeros() }
-    }
-
-    fn range(&self, range: std::ops::Range<usize>) -> Segments<'_, T> {
-        Segments {
-            strength: &self.strength[range.clone()],
-            length2: &self.length2[range.clone()],
-            core: &self.core[range],
-        }
-    }
 }
 
 /// Nodes, ring circulations and segments of the wing (first) and its wake.
@@ -56,14 +30,8 @@ pub struct Vorticity {
     nodes: [Vec<f64>; 3],
     /// Ring circulations, row by row, bound rings first, m²/s.
     circulation: Vec<f64>,
-    spanwise: Edges,
-    chordwise: Edges,
-}
-
-/// Strength / 8π of a segment. One without length (all chordwise edges meet in a
-/// pointed tip) has no velocity, but its rounding errors would have one.
-pub(super) fn strength(circulation: f64, length2: f64) -> f64 {
-    if length2 > 0.0 { circulation / (8.0 * PI) } else { 0.0 }
+    /// Nodes with their segments, as the kernel wants them.
+    sheet: Vec<Node>,
 }
 
 impl Vorticity {
@@ -78,8 +46,7 @@ impl Vorticity {
             born: vec![0; most_rows],
             nodes: [along(), along(), along()],
             circulation: vec![0.0; most_rows * (columns - 1)],
-            spanwise: Edges::new(most_rows * (columns - 1)),
-            chordwise: Edges::new(most_rows * columns),
+            sheet: vec![Node::default(); most_rows * columns],
         }
     }
 
@@ -202,63 +169,63 @@ impl Vorticity {
         corners.iter().map(|i| crate::kinematics::Vector::from(self.node(*i))).sum::<crate::kinematics::Vector>() * 0.25
     }
 
-    /// Recomputes strengths and lengths of all segments after nodes or circulations changed.
+    /// Recomputes all segments after nodes or circulations changed. Cores
+    /// are kept, which is right for segments which keep their places.
     pub fn assemble(&mut self) {
-        let (columns, strips) = (self.columns, self.strips());
-        for j in 0..self.rows {
-            for k in 0..strips {
-                let ahead = if j > 0 { self.circulation[(j - 1) * strips + k] } else { 0.0 };
-                let behind = if j + 1 < self.rows { self.circulation[j * strips + k] } else { 0.0 };
-                let length2 = self.length2(j * columns + k, j * columns + k + 1);
-                self.spanwise.strength[j * strips + k] = strength(ahead - behind, length2);
-                self.spanwise.length2[j * strips + k] = length2;
-            }
-        }
-        for j in 0..self.rows - 1 {
-            for k in 0..columns {
-                let inboard = if k > 0 { self.circulation[j * strips + k - 1] } else { 0.0 };
-                let outboard = if k < strips { self.circulation[j * strips + k] } else { 0.0 };
-                let length2 = self.length2(j * columns + k, (j + 1) * columns + k);
-                self.chordwise.strength[j * columns + k] = strength(outboard - inboard, length2);
-                self.chordwise.length2[j * columns + k] = length2;
-            }
-        }
+        self.assemble_rows(0..self.rows);
     }
 
-    fn length2(&self, a: usize, b: usize) -> f64 {
-        self.nodes.iter().map(|c| (c[a] - c[b]) * (c[a] - c[b])).sum()
+    /// Recomputes the segments of the wing and the edge after the bound circulations changed.
+    pub fn assemble_bound(&mut self) {
+        self.assemble_rows(0..self.bound_rows);
+    }
+
+    fn assemble_rows(&mut self, rows: std::ops::Range<usize>) {
+        let (columns, strips) = (self.columns, self.strips());
+        // Circulation of a ring, which may be beyond the sheet.
+        let ring = |row: Option<usize>, strip: Option<usize>| match (row, strip) {
+            (Some(row), Some(strip)) if row + 1 < self.rows && strip < strips => self.circulation[row * strips + strip],
+            _ => 0.0,
+        };
+        for j in rows {
+            for k in 0..columns {
+                let i = j * columns + k;
+                let (ahead, inboard) = (j.checked_sub(1), k.checked_sub(1));
+                let Node { spanwise: along, chordwise: down, .. } = self.sheet[i];
+                let segment = |from: Option<usize>, circulation: f64, core: f64| match from {
+                    Some(from) => Edge { core, ..Edge::between(self.node(from), self.node(i), circulation) },
+                    None => Edge::NONE,
+                };
+                let before = inboard.map(|_| i - 1);
+                let spanwise = segment(before, ring(ahead, inboard) - ring(Some(j), inboard), along.core);
+                let over = ahead.map(|_| i - columns);
+                let chordwise = segment(over, ring(ahead, Some(k)) - ring(ahead, inboard), down.core);
+                self.sheet[i] = Node { place: self.node(i), spanwise, chordwise };
+            }
+        }
     }
 
     /// Sets the cores: `radius(age)` gives the core radius of segments, m; age
     /// counts steps since the edge was left at step `now`, negative on the wing.
     pub fn set_cores(&mut self, now: usize, radius: impl Fn(f64) -> f64) {
-        let (columns, strips, edge) = (self.columns, self.strips(), self.edge_row());
+        let (columns, edge) = (self.columns, self.edge_row());
         let age = |row: usize| if row > edge { (now - self.born[row]) as f64 } else { row as f64 - edge as f64 };
-        for row in 0..self.rows {
-            let squared = radius(age(row)).powi(2);
-            let range = row * strips..(row + 1) * strips;
-            for (core, length2) in self.spanwise.core[range.clone()].iter_mut().zip(&self.spanwise.length2[range]) {
-                *core = length2 * squared;
+        for (row, nodes) in self.sheet.chunks_exact_mut(columns).take(self.rows).enumerate() {
+            let along = radius(age(row)).powi(2);
+            for node in &mut nodes[1..] {
+                node.spanwise.core = node.spanwise.length2 * along;
             }
-        }
-        for row in 0..self.rows - 1 {
-            let squared = radius(0.5 * (age(row) + age(row + 1))).powi(2);
-            let range = row * columns..(row + 1) * columns;
-            for (core, length2) in self.chordwise.core[range.clone()].iter_mut().zip(&self.chordwise.length2[range]) {
-                *core = length2 * squared;
+            if row > 0 {
+                let down = radius(0.5 * (age(row - 1) + age(row))).powi(2);
+                for node in nodes {
+                    node.chordwise.core = node.chordwise.length2 * down;
+                }
             }
         }
     }
 
     fn sheet(&self, from: usize, to: usize) -> Sheet<'_> {
-        let (columns, strips) = (self.columns, self.strips());
-        let nodes = from * columns..to * columns;
-        Sheet {
-            columns,
-            nodes: [&self.nodes[0][nodes.clone()], &self.nodes[1][nodes.clone()], &self.nodes[2][nodes]],
-            spanwise: self.spanwise.range(from * strips..to * strips),
-            chordwise: self.chordwise.range(from * columns..(to - 1) * columns),
-        }
+        Sheet { columns: self.columns, nodes: &self.sheet[from * self.columns..to * self.columns] }
     }
 
     /// Wing and wake.

@@ -12,7 +12,7 @@ use manduca_numerics::insect::Insect;
 use manduca_numerics::kinematics::ElevationPhase;
 use manduca_numerics::parameters::Bounds;
 use manduca_numerics::simulation::{BodyVelocity, Model, SOLVER_VERSION, Simulation, level, simulate};
-use manduca_numerics::uvlm::kernel::{Points, induce, interactions};
+use manduca_numerics::uvlm::kernel::{Points, induce, interactions, segments};
 use manduca_numerics::uvlm::probe::{Workload, induce_plainly, multiply_adds};
 use manduca_numerics::uvlm::{Settings, SingleWake};
 use manduca_protocol::resolve;
@@ -105,7 +105,7 @@ fn plain_rate() -> f64 {
             std::hint::black_box(induce_plainly(&sheet, work.targets.get(i)));
         }
     });
-    ((sheet.spanwise.strength.len() + sheet.chordwise.strength.len()) * targets) as f64 / time * 1e-9
+    (segments(&sheet) * targets) as f64 / time * 1e-9
 }
 
 fn peak() -> f64 {
