@@ -11,6 +11,9 @@
 //! matrix products of `faer` round by the width of the machine's registers.
 
 mod cholesky;
+mod infer;
+#[cfg(test)]
+mod infer_tests;
 mod initial;
 mod kernel;
 mod levenberg;
@@ -19,15 +22,14 @@ mod levenberg_tests;
 mod network;
 mod normal;
 pub(crate) mod random;
-mod slope;
 mod train;
 #[cfg(test)]
 mod train_tests;
 
+pub use infer::Jacobian;
 pub use initial::Split;
 pub(crate) use network::bad_bounds;
 pub use network::{Network, NetworkError};
-pub use slope::Jacobian;
 pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
 
 use crate::parameters::Point;

@@ -1,4 +1,4 @@
-//! The arithmetic of the network over several samples at once.
+//! The hidden layer as training needs it, over several samples at once.
 //!
 //! A lane is a sample. Every operation on a lane is one correctly rounded IEEE
 //! operation (`mul_add` included), and lanes never mix, so the result of a
@@ -8,10 +8,6 @@
 
 use crate::parameters::{Bounds, COUNT, Point};
 use pulp::{Simd, WithSimd};
-
-/// Registers of samples evaluated together: one alone would wait for each
-/// multiplication to finish before it can start the next.
-const DEEP: usize = 2;
 
 /// Above this the hyperbolic tangent is 1 to the last bit of a double.
 const SATURATION: f64 = 20.0;
@@ -45,7 +41,7 @@ const SERIES: [f64; 12] = [
 /// tanh x = (e^2x - 1) / (e^2x + 1), with e^2x - 1 built from expm1 of the
 /// reduced argument so that no digits cancel near zero.
 #[inline(always)]
-pub(super) fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
+fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     let all = |v: f64| simd.splat_f64s(v);
     let inside = simd.min_f64s(simd.max_f64s(x, all(-SATURATION)), all(SATURATION));
     let y = simd.add_f64s(inside, inside);
@@ -69,82 +65,6 @@ pub(super) fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     let result = simd.div_f64s(e, simd.add_f64s(e, all(2.0)));
     // Machines differ in which of two operands a minimum keeps beside a NaN.
     simd.select_f64s(simd.equal_f64s(x, x), result, x)
-}
-
-/// The layers of a network as slices, neuron by neuron.
-#[derive(Clone, Copy)]
-pub(crate) struct Layers<'a> {
-    /// h x 10, row-major.
-    pub(crate) hidden_weights: &'a [f64],
-    /// h.
-    pub(crate) hidden_biases: &'a [f64],
-    /// Four rows of h.
-    pub(crate) output_weights: [&'a [f64]; 4],
-    /// One per output.
-    pub(crate) output_biases: [f64; 4],
-}
-
-/// Outputs for DEEP registers of samples, `z[input]` their scaled inputs.
-#[inline(always)]
-fn outputs<S: Simd>(simd: S, net: &Layers<'_>, z: &[[S::f64s; DEEP]; COUNT]) -> [[S::f64s; DEEP]; 4] {
-    let mut sums = net.output_biases.map(|b| [simd.splat_f64s(b); DEEP]);
-    let [v0, v1, v2, v3] = net.output_weights;
-    let (rows, _) = net.hidden_weights.as_chunks::<COUNT>();
-    let neurons = rows.iter().zip(net.hidden_biases).zip(v0).zip(v1).zip(v2).zip(v3);
-    for (((((w, b), v0), v1), v2), v3) in neurons {
-        let mut a = [simd.splat_f64s(*b); DEEP];
-        for i in 0..COUNT {
-            let w = simd.splat_f64s(w[i]);
-            for d in 0..DEEP {
-                a[d] = simd.mul_add_f64s(w, z[i][d], a[d]);
-            }
-        }
-        let v = [*v0, *v1, *v2, *v3];
-        for d in 0..DEEP {
-            let a = tanh(simd, a[d]);
-            for k in 0..4 {
-                sums[k][d] = simd.mul_add_f64s(simd.splat_f64s(v[k]), a, sums[k][d]);
-            }
-        }
-    }
-    sums
-}
-
-/// The network's answer to many samples, to be run by [`dispatch`].
-pub(crate) struct Batch<'a> {
-    /// The network.
-    pub(crate) layers: Layers<'a>,
-    /// The box of its inputs.
-    pub(crate) bounds: &'a Bounds,
-    /// Points in table units.
-    pub(crate) xs: &'a [Point],
-    /// One place per point.
-    pub(crate) out: &'a mut [[f64; 4]],
-}
-
-impl WithSimd for Batch<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let lanes = DEEP * S::F64_LANES;
-        for (xs, out) in self.xs.chunks(lanes).zip(self.out.chunks_mut(lanes)) {
-            let mut z = [[simd.splat_f64s(0.0); DEEP]; COUNT];
-            for (l, x) in xs.iter().enumerate() {
-                let scaled = scaled(self.bounds, x);
-                for i in 0..COUNT {
-                    pulp::bytemuck::cast_slice_mut::<_, f64>(&mut z[i])[l] = scaled[i];
-                }
-            }
-            let y = outputs(simd, &self.layers, &z);
-            for k in 0..4 {
-                let y = pulp::bytemuck::cast_slice::<_, f64>(&y[k]);
-                for (out, y) in out.iter_mut().zip(y) {
-                    out[k] = *y;
-                }
-            }
-        }
-    }
 }
 
 /// Inputs of the hidden layer: the box onto `[-1, 1]`, held parameters onto 0.
