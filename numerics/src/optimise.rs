@@ -14,7 +14,7 @@ mod tests;
 
 pub use drive::{Optimum, Phase, Progress, optimise};
 pub use genetic::{Ga, GaSettings, GaStop, Generation};
-pub use problem::{Predict, Problem, Score};
+pub use problem::{Clearances, Predict, Problem, Score};
 pub use simplex::{NelderMead, SimplexSettings, SimplexStop};
 
 /// Why there is nothing to optimise.

@@ -199,7 +199,7 @@ fn outputs<S: Simd, const D: usize>(
     sums
 }
 
-/// The network's answer to many samples, to be run by `kernel::dispatch`.
+/// The network's answer to many samples, to be run by `lanes::dispatch`.
 pub(super) struct Batch<'a> {
     /// The network.
     pub(super) net: &'a Packed,
@@ -271,7 +271,7 @@ fn slopes<S: Simd>(
     (y, slopes)
 }
 
-/// Outputs and derivatives at many points, to be run by `kernel::dispatch`.
+/// Outputs and derivatives at many points, to be run by `lanes::dispatch`.
 pub(super) struct Slopes<'a> {
     /// The network.
     pub(super) net: &'a Packed,

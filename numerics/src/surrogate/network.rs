@@ -1,7 +1,7 @@
 //! The network itself: shape, checks and prediction.
 
 use super::infer::{Batch, Jacobian, Packed, Slopes};
-use super::kernel;
+use crate::lanes;
 use crate::parameters::{Bounds, COUNT, Point};
 use rayon::prelude::*;
 
@@ -115,7 +115,7 @@ impl Network {
     pub fn predict(&self, x: &Point) -> [f64; 4] {
         let mut out = [[0.0; 4]];
         let xs = std::slice::from_ref(x);
-        kernel::dispatch(Batch { net: &Packed::new(self), xs, out: &mut out });
+        lanes::dispatch(Batch { net: &Packed::new(self), xs, out: &mut out });
         out[0]
     }
 
@@ -125,7 +125,7 @@ impl Network {
     pub fn predict_into(&self, xs: &[Point], out: &mut [[f64; 4]]) {
         let net = &Packed::new(self);
         xs.par_chunks(TASK).zip(out.par_chunks_mut(TASK)).for_each(|(xs, out)| {
-            kernel::dispatch(Batch { net, xs, out });
+            lanes::dispatch(Batch { net, xs, out });
         });
     }
 
@@ -143,7 +143,7 @@ impl Network {
     ///
     /// Where the two slices differ in length, the shorter one counts.
     pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
-        kernel::dispatch(Slopes { net: &Packed::new(self), xs, out });
+        lanes::dispatch(Slopes { net: &Packed::new(self), xs, out });
     }
 }
 

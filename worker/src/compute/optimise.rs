@@ -22,7 +22,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
     let clearance = Clearance::new(&model.insect, model.elevation_phase);
     let problem = Problem {
         predict: &|points, values| network.predict_into(points, values),
-        clearance: &|x| clearance.of(x),
+        clearance: &|points, values| clearance.of_each(points, values),
         margin_m: spec.clearance_margin_mm * 1e-3,
         bounds: how.bounds,
         penalty_r: spec.penalty_r,
