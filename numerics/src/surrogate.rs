@@ -29,6 +29,8 @@ mod train_tests;
 pub use infer::Jacobian;
 pub use initial::Split;
 pub(crate) use network::bad_bounds;
+#[cfg(test)]
+pub(crate) use network::tests::random_network;
 pub use network::{Network, NetworkError};
 pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
 
