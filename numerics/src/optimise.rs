@@ -5,6 +5,7 @@
 //! nothing of networks or threads; [`optimise`] drives one after the other. [`sqp`]
 //! needs derivatives and finds the constrained optimum itself.
 
+pub mod analysis;
 mod breed;
 mod drive;
 mod genetic;
