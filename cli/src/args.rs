@@ -1,10 +1,12 @@
 //! The command line.
 
 mod model;
+mod optimise;
 mod record;
 mod solver;
 
 pub use model::{Model, ModelArgs};
+pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
 pub use solver::SolverOptions;
 
@@ -58,6 +60,8 @@ pub enum Command {
     Dataset(DatasetArgs),
     /// Show the optima of a study beside the paper's.
     Optimum(TargetArgs),
+    /// Ask a finished study for a further optimum on its network.
+    Optimise(OptimiseArgs),
     /// Fly one stroke and print its means.
     Simulate(SimulateArgs),
     /// List the insect presets, or print one as a table to copy.

@@ -2,6 +2,7 @@
 
 mod memory;
 mod scaling;
+mod search;
 mod surrogate;
 
 use std::process::ExitCode;

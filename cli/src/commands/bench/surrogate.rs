@@ -11,10 +11,11 @@ use manduca_numerics::parameters::Bounds;
 use manduca_numerics::quasi_steady;
 use manduca_numerics::sampling::sample;
 use manduca_numerics::simulation::{BodyVelocity, Model, Simulation, level, simulate};
-use manduca_numerics::surrogate::{Sample, TrainSettings, train};
+use manduca_numerics::surrogate::{Network, Sample, TrainSettings, train};
 use serde::Serialize;
 
 use super::memory;
+use super::search::{self, Search};
 use crate::args::BenchSurrogateArgs;
 use crate::output::Output;
 
@@ -28,6 +29,8 @@ struct Report {
     train_samples: usize,
     #[serde(flatten)]
     training: Training,
+    #[serde(flatten)]
+    search: Search,
 }
 
 /// Times of one iteration, accepted steps only partly: whatever is refused on the way counts.
@@ -54,11 +57,11 @@ fn stand_in(count: usize) -> Result<Vec<Sample>> {
     (0..count).map(fly).collect::<Option<_>>().context("no stroke of the paper's box is feasible")
 }
 
-/// Median wall time of an iteration, s.
-fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<f64> {
+/// Median wall time of an iteration, s, and the network they made.
+fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<(f64, Network)> {
     let mut last = Instant::now();
     let mut times = Vec::new();
-    train(samples, &Bounds::default(), settings, &mut |epoch| {
+    let trained = train(samples, &Bounds::default(), settings, &mut |epoch| {
         if epoch.iteration > 0 {
             times.push(last.elapsed().as_secs_f64());
         }
@@ -66,30 +69,33 @@ fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<f64> {
         ControlFlow::Continue(())
     })?;
     times.sort_by(f64::total_cmp);
-    times.get(times.len() / 2).copied().context("the training stopped before its first iteration")
+    let median = times.get(times.len() / 2).context("the training stopped before its first iteration")?;
+    Ok((*median, trained.network))
 }
 
-fn training(samples: &[Sample], args: &BenchSurrogateArgs) -> Result<Training> {
+fn training(samples: &[Sample], args: &BenchSurrogateArgs) -> Result<(Training, Network)> {
     let settings = TrainSettings {
         neurons: args.neurons,
         max_iterations: args.iterations,
         patience: args.iterations,
         ..TrainSettings::default()
     };
-    let lm_iteration_s = iteration_s(samples, &settings)?;
+    let (lm_iteration_s, network) = iteration_s(samples, &settings)?;
     let peak_rss_mib = memory::resident_peak_mb(std::process::id()).map(|mb| mb * 1e6 / f64::from(1 << 20));
-    Ok(Training { lm_iteration_s, peak_rss_mib })
+    Ok((Training { lm_iteration_s, peak_rss_mib }, network))
 }
 
 /// Runs the benchmark.
 pub fn surrogate(args: &BenchSurrogateArgs) -> Result<ExitCode> {
     let samples = stand_in(args.samples)?;
+    let (training, network) = training(&samples, args)?;
     let report = Report {
         level: level(),
         cores: std::thread::available_parallelism().map_or(1, usize::from),
         neurons: args.neurons,
         train_samples: (args.samples as f64 * TrainSettings::default().train_share).round() as usize,
-        training: training(&samples, args)?,
+        training,
+        search: search::measure(&network)?,
     };
     let mut out = Output::stdout();
     if args.json {
@@ -109,6 +115,9 @@ fn print(out: &mut Output, r: &Report) -> std::io::Result<()> {
         &[
             row("Levenberg-Marquardt, one iteration, s", format!("{:.2}", r.training.lm_iteration_s)),
             row("most memory while training, MiB", or_none(r.training.peak_rss_mib)),
+            row("predictions on one core, 1e6/s", format!("{:.2}", r.search.inference_f64_evals_s * 1e-6)),
+            row("genetic algorithm, 1e5 x 100 and simplex, s", format!("{:.2}", r.search.ga_1e5x100_s)),
+            row("sequential quadratic programming, 1000 starts, s", format!("{:.2}", r.search.sqp_1000_starts_s)),
         ],
     )
 }
