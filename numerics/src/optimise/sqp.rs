@@ -14,5 +14,6 @@ mod starts;
 mod tests;
 
 pub use flight::{Differentiable, Flight};
-pub use machine::{Linear, Multipliers, Sqp, SqpStop};
+pub use linear::{Linear, Multipliers};
+pub use machine::{Sqp, SqpStop};
 pub use starts::{LocalOptimum, SqpOptimum, SqpProgress, SqpSettings, minimise};
