@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result};
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::study::StudySpec;
-use manduca_protocol::view::{Page, StudyResult, StudySummary, StudyView};
+use manduca_protocol::study::{OptimisationSpec, StudySpec};
+use manduca_protocol::view::{OptimumView, Page, StudyResult, StudySummary, StudyView};
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
 
@@ -67,6 +67,11 @@ impl Api {
     /// Its optima.
     pub async fn result(&self, id: StudyId) -> Result<StudyResult, CallError> {
         http::call(self.http.get(&format!("/v1/studies/{id}/optimum"))).await
+    }
+
+    /// Asks for a further optimum on its network.
+    pub async fn add_optimisation(&self, id: StudyId, spec: &OptimisationSpec) -> Result<OptimumView, CallError> {
+        http::call(self.http.post(&format!("/v1/studies/{id}/optimisations")).json(spec)).await
     }
 
     /// `pause`, `resume`, `cancel` or `retry-failed`.

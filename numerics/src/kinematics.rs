@@ -2,9 +2,11 @@
 //! they leave between the wings.
 
 mod clearance;
+mod contact;
 mod frame;
 mod stroke;
 
 pub use clearance::{Clearance, clearance};
+pub use contact::{Contact, MOST_CONTACTS};
 pub use frame::{Attitude, Vector};
 pub use stroke::{Angle, ElevationPhase, Stroke};

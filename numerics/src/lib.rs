@@ -6,6 +6,7 @@ pub mod cases;
 pub mod history;
 pub mod insect;
 pub mod kinematics;
+mod lanes;
 pub mod math;
 pub mod optimise;
 pub mod parameters;

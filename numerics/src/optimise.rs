@@ -2,19 +2,23 @@
 //!
 //! [`Problem`] turns a surrogate into the fitness of the paper's Eq. 8; [`Ga`]
 //! and [`NelderMead`] are asked for points and told fitnesses, so they know
-//! nothing of networks or threads; [`optimise`] drives one after the other.
+//! nothing of networks or threads; [`optimise`] drives one after the other. [`sqp`]
+//! needs derivatives and finds the constrained optimum itself.
 
+pub mod analysis;
 mod breed;
 mod drive;
 mod genetic;
 mod problem;
 mod simplex;
+pub mod sobol;
+pub mod sqp;
 #[cfg(test)]
 mod tests;
 
 pub use drive::{Optimum, Phase, Progress, optimise};
 pub use genetic::{Ga, GaSettings, GaStop, Generation};
-pub use problem::{Predict, Problem, Score};
+pub use problem::{Clearances, Predict, Problem, Score};
 pub use simplex::{NelderMead, SimplexSettings, SimplexStop};
 
 /// Why there is nothing to optimise.
@@ -46,6 +50,12 @@ pub enum OptimiseError {
         asked: usize,
         /// Fitnesses told.
         told: usize,
+    },
+    /// No descent reached an optimum.
+    #[error("none of {starts} descents reached an optimum within the constraints")]
+    NothingConverged {
+        /// Descents begun.
+        starts: usize,
     },
     /// No point met had a finite fitness.
     #[error("no point has a finite fitness")]

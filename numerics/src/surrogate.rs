@@ -11,6 +11,9 @@
 //! matrix products of `faer` round by the width of the machine's registers.
 
 mod cholesky;
+mod infer;
+#[cfg(test)]
+mod infer_tests;
 mod initial;
 mod kernel;
 mod levenberg;
@@ -23,8 +26,11 @@ mod train;
 #[cfg(test)]
 mod train_tests;
 
+pub use infer::Jacobian;
 pub use initial::Split;
 pub(crate) use network::bad_bounds;
+#[cfg(test)]
+pub(crate) use network::tests::random_network;
 pub use network::{Network, NetworkError};
 pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
 

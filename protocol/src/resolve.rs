@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use manduca_numerics::insect::{Insect, PRESETS};
 use manduca_numerics::kinematics;
+use manduca_numerics::optimise::sqp::SqpSettings;
 use manduca_numerics::optimise::{GaSettings, SimplexSettings};
 use manduca_numerics::parameters::{Bounds, TABLE, index};
 use manduca_numerics::simulation::{BodyVelocity, Model, Simulation};
@@ -24,6 +25,8 @@ pub const MIN_SAMPLES: u32 = 20;
 pub const MAX_NEURONS: u32 = 1_000;
 /// Largest population.
 pub const MAX_POPULATION: u32 = 1_000_000;
+/// Most descents of one optimisation.
+pub const MAX_STARTS: u32 = 100_000;
 /// Most optimisations of one study.
 pub const MAX_OPTIMISATIONS: usize = 32;
 /// Largest seed: what every JSON reader holds exactly.
@@ -82,6 +85,8 @@ impl ResolvedModel {
 pub struct ResolvedOptimisation {
     /// Bounds with held values.
     pub bounds: Bounds,
+    /// Sequential quadratic programming.
+    pub sqp: SqpSettings,
     /// Genetic algorithm.
     pub ga: GaSettings,
     /// Simplex.
@@ -250,6 +255,7 @@ fn optimisation_at(
     if (0..TABLE.len()).all(|i| bounds.is_held(i)) {
         faults.add(format!("{at}/parameters"), "every parameter is held: there is nothing to optimise");
     }
+    faults.within(&format!("{at}/starts"), spec.starts.into(), 1.0, MAX_STARTS.into());
     faults.within(&format!("{at}/penalty_r"), spec.penalty_r, 0.0, 1e9);
     faults.within(&format!("{at}/penalty_s"), spec.penalty_s, 0.0, 1e9);
     faults.within(&format!("{at}/population"), spec.population.into(), 10.0, MAX_POPULATION.into());
@@ -260,6 +266,7 @@ fn optimisation_at(
     faults.within(&format!("{at}/verify_strokes"), spec.verify_strokes.into(), 4.0, 200.0);
     ResolvedOptimisation {
         bounds,
+        sqp: SqpSettings { starts: spec.starts as usize, seed, ..SqpSettings::default() },
         ga: GaSettings {
             population: spec.population as usize,
             generations: spec.generations as usize,

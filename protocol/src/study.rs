@@ -142,22 +142,39 @@ impl Default for SurrogateSpec {
     }
 }
 
-/// One optimisation on the trained network: genetic algorithm, then simplex.
+/// How an optimum is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Sequential quadratic programming from many starts: the constrained optimum itself.
+    #[default]
+    Sqp,
+    /// As the paper: genetic algorithm on the penalised fitness (Eq. 8), then simplex.
+    Paper,
+}
+
+/// One optimisation on the trained network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimisationSpec {
     /// Name, unique in the study.
     pub name: String,
+    /// `sqp`, or `paper` for genetic algorithm and simplex.
+    #[serde(default)]
+    pub method: Method,
     /// Narrower bounds or held values, inside the study's.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "strict::map")]
     pub parameters: BTreeMap<String, Range>,
-    /// Weight r of |1-L+| + |D+| + |M+| (paper Eq. 8).
+    /// Descents of `sqp`, each from another point of the box.
+    #[serde(default = "starts")]
+    pub starts: u32,
+    /// Weight r of |1-L+| + |D+| + |M+| in the fitness (paper Eq. 8).
     #[serde(default = "penalty_r")]
     pub penalty_r: f64,
     /// Weight s of leaving the bounds (paper Eq. 8).
     #[serde(default = "penalty_s")]
     pub penalty_s: f64,
-    /// Individuals of the genetic algorithm.
+    /// Individuals of the genetic algorithm; this and what follows of it is for `paper`.
     #[serde(default = "population")]
     pub population: u32,
     /// Most generations.
@@ -177,6 +194,9 @@ pub struct OptimisationSpec {
     pub verify_strokes: u32,
 }
 
+fn starts() -> u32 {
+    200
+}
 fn penalty_r() -> f64 {
     2.0
 }

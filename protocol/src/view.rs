@@ -7,7 +7,7 @@ use crate::ids::{JobId, StudyId, WorkerId};
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
 use crate::study::StudySpec;
-use crate::task::{EpochMessage, ErrorsMessage, JobKind, Progress, Provenance, Scaled, SimulateResult};
+use crate::task::{EpochMessage, ErrorsMessage, JobKind, Optimality, Progress, Provenance, Scaled, SimulateResult};
 use crate::task::{OptimiseResult, ScaledEstimates};
 
 /// State of a study.
@@ -258,6 +258,9 @@ pub struct OptimumResult {
     pub power_per_lift_w_per_n: Option<f64>,
     /// Least distance of the wings from the plane of symmetry, mm.
     pub clearance_mm: Option<f64>,
+    /// What the constraints cost, and how exact the optimum is; absent for `paper`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub optimality: Option<Optimality>,
 }
 
 /// A job in a list. `GET /v1/studies/{study}/jobs`

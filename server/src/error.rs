@@ -59,6 +59,9 @@ pub enum ApiError {
     /// There is no such job.
     #[error("there is no job {0}")]
     UnknownJob(String),
+    /// The study has no such optimisation.
+    #[error("the study has no optimisation `{0}`")]
+    UnknownOptimisation(String),
     /// The worker is not registered, or said goodbye.
     #[error("worker {0} is not registered here; it must register anew")]
     UnknownWorker(String),
@@ -117,6 +120,7 @@ impl ApiError {
             Self::MethodNotAllowed => (S::METHOD_NOT_ALLOWED, "method-not-allowed", "Method not allowed"),
             Self::UnknownStudy(_) => (S::NOT_FOUND, "unknown-study", "Unknown study"),
             Self::UnknownJob(_) => (S::NOT_FOUND, "unknown-job", "Unknown job"),
+            Self::UnknownOptimisation(_) => (S::NOT_FOUND, "unknown-optimisation", "Unknown optimisation"),
             Self::UnknownWorker(_) => (S::NOT_FOUND, "unknown-worker", "Unknown worker"),
             Self::NotYet(_) => (S::NOT_FOUND, "not-yet", "Not there yet"),
             Self::WrongState(_) => (S::CONFLICT, "wrong-state", "Wrong state"),

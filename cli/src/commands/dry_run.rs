@@ -10,7 +10,7 @@ use manduca_numerics::simulation::Model;
 use manduca_numerics::table::Table;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::ResolvedStudy;
-use manduca_protocol::study::StudySpec;
+use manduca_protocol::study::{Method, StudySpec};
 use serde::Serialize;
 
 use crate::args::SubmitArgs;
@@ -96,8 +96,13 @@ fn print(out: &mut Output, name: &str, report: &Report<'_>) -> io::Result<()> {
     ))?;
     out.line(format_args!("network   {} neurons, at most {} iterations", network.neurons, network.max_iterations))?;
     for optimisation in &spec.optimisations {
-        let (population, generations) = (optimisation.population, optimisation.generations);
-        out.line(format_args!("optimise  {}: population {population}, {generations} generations", optimisation.name))?;
+        let how = match optimisation.method {
+            Method::Sqp => format!("sqp, {} starts", optimisation.starts),
+            Method::Paper => {
+                format!("population {}, {} generations", optimisation.population, optimisation.generations)
+            }
+        };
+        out.line(format_args!("optimise  {}: {how}", optimisation.name))?;
     }
     out.line(format_args!("samples   {}, {} simulations in all", spec.sampling.samples, report.simulations))?;
     let about = if cost.extrapolated { " (from its first stroke)" } else { "" };

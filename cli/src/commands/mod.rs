@@ -5,6 +5,7 @@ mod dataset;
 mod dry_run;
 mod host;
 mod lists;
+mod optimise;
 mod record;
 mod report;
 mod run;
@@ -28,6 +29,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Worker(args) => worker::worker(args).await,
         Command::Study(command) => study::dispatch(command).await,
         Command::Optimum(args) => study::optimum(args).await,
+        Command::Optimise(args) => optimise::optimise(args).await,
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command),

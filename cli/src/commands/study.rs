@@ -127,7 +127,7 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
 }
 
 /// Follows a study and prints its optima; Ctrl-C leaves it running.
-async fn watch(api: &Api, id: StudyId, json: bool) -> Result<ExitCode> {
+pub(super) async fn watch(api: &Api, id: StudyId, json: bool) -> Result<ExitCode> {
     let interrupted = signals::shutdown().drain;
     let view = match follow(api, id, &interrupted).await? {
         Followed::Ended(view) => view,

@@ -4,6 +4,7 @@ use std::io;
 
 use manduca_numerics::cases::{CASES, Case, case};
 use manduca_numerics::parameters::OUTPUTS;
+use manduca_protocol::task::Optimality;
 use manduca_protocol::view::{OptimumResult, StageSeconds, StudyResult};
 
 use super::{dash, estimate, estimates, fixed, parameter_rows, scaled};
@@ -77,7 +78,24 @@ fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
     if let Some(clearance) = optimum.clearance_mm {
         out.line(format_args!("the wings keep {clearance:.2} mm from the plane of symmetry"))?;
     }
-    Ok(())
+    optimum.optimality.as_ref().map_or(Ok(()), |known| optimality(out, known))
+}
+
+/// What constraints cost and how exact the optimum is.
+fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
+    let prices = &known.multipliers;
+    out.line(format_args!(
+        "P+ rises by {:.4} per unit of L+, {:.4} of D+, {:.4} of M+, {:.4} per mm of clearance",
+        prices.lift, prices.drag, prices.pitch_moment, prices.clearance_per_mm
+    ))?;
+    out.line(format_args!(
+        "{} of {} descents converged, to {} optima; KKT residual {:.1e}, violation {:.1e}",
+        known.converged,
+        known.starts,
+        known.optima.len(),
+        known.kkt_residual,
+        known.violation
+    ))
 }
 
 /// An optimum is worth what the network knew there, and the re-simulation tells.
@@ -116,7 +134,7 @@ mod tests {
     use crate::output::capture;
     use manduca_protocol::ids::StudyId;
     use manduca_protocol::point::ParameterValues;
-    use manduca_protocol::task::{Estimate, Scaled, ScaledEstimates};
+    use manduca_protocol::task::{Estimate, Prices, Scaled, ScaledEstimates};
     use manduca_protocol::view::{OptimumStatus, SampleCounts, StudyState};
 
     #[test]
@@ -143,6 +161,20 @@ mod tests {
             infeasible: None,
             power_per_lift_w_per_n: Some(4.56),
             clearance_mm: Some(0.5),
+            optimality: Some(Optimality {
+                multipliers: Prices {
+                    lift: 0.6012,
+                    drag: 0.1,
+                    pitch_moment: -0.2,
+                    clearance_per_mm: 0.013,
+                    bounds: ParameterValues([0.0; 10]),
+                },
+                kkt_residual: 3e-11,
+                violation: 1e-12,
+                starts: 200,
+                converged: 190,
+                optima: Vec::new(),
+            }),
         };
         assert_eq!(doubt(&optimum), None);
         let wrong = Some(Scaled { lift: 1.2, drag: 0.0, pitch_moment: 0.0, power: 0.81 });
@@ -159,7 +191,17 @@ mod tests {
         let (mut out, captured) = capture::output();
         result(&mut out, &study).unwrap();
         let text = captured.text();
-        for part in ["25.3", "0.9800 ± 0.0020", "4.560", "4.50", "300 flown, 2 infeasible", "sampling 1 min 01 s"] {
+        for part in [
+            "25.3",
+            "0.9800 ± 0.0020",
+            "4.560",
+            "4.50",
+            "300 flown, 2 infeasible",
+            "0.6012 per unit of L+",
+            "190 of 200 descents",
+            "3.0e-11",
+            "sampling 1 min 01 s",
+        ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }
     }

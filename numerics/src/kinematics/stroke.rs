@@ -41,9 +41,9 @@ pub struct Stroke {
 }
 
 /// Below this the shape functions are sinusoids to rounding.
-const SINUSOIDAL: f64 = 1e-6;
+pub(super) const SINUSOIDAL: f64 = 1e-6;
 /// The sweep's acceleration is singular at K = 1.
-const SHARPEST_SWEEP: f64 = 0.999;
+pub(super) const SHARPEST_SWEEP: f64 = 0.999;
 
 impl Stroke {
     /// From the ten design parameters (degrees).

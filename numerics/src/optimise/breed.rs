@@ -2,12 +2,15 @@
 
 use super::genetic::GaSettings;
 use crate::parameters::{COUNT, Point};
-use crate::surrogate::random::{Streams, normal_pair, shuffle, uniform};
+use crate::surrogate::random::{Streams, normals, shuffle, uniform};
 use rand::Rng;
 use rayon::prelude::*;
 
 /// Number of the stream, within a generation, which selects the parents.
 const SELECTION: u64 = u32::MAX as u64;
+
+/// Individuals which share a stream and a task.
+const CHUNK: usize = 512;
 
 /// How many of a generation are begotten in which way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,24 +56,23 @@ impl Breeder {
         Self { streams, shares: Shares::new(settings), free, wheel }
     }
 
-    /// The stream of individual `k` of a generation.
-    fn individual(&self, generation: usize, k: usize) -> rand_chacha::ChaCha8Rng {
-        self.streams.stream((generation as u64) << 32 | k as u64)
+    /// Stream number `k` of a generation.
+    fn stream(&self, generation: usize, k: u64) -> rand_chacha::ChaCha8Rng {
+        self.streams.stream((generation as u64) << 32 | k)
     }
 
     /// The first generation: uniform in the unit box, held parameters at 0.
     pub(super) fn first(&self, count: usize) -> Vec<Point> {
-        (0..count)
-            .into_par_iter()
-            .map(|k| {
-                let mut rng = self.individual(0, k);
-                let mut unit = [0.0; COUNT];
+        let mut units = vec![[0.0; COUNT]; count];
+        units.par_chunks_mut(CHUNK).enumerate().for_each(|(c, units)| {
+            let mut rng = self.stream(0, c as u64);
+            for unit in units {
                 for &i in &self.free {
                     unit[i] = uniform(&mut rng);
                 }
-                unit
-            })
-            .collect()
+            }
+        });
+        units
     }
 
     /// Ranks of the parents, in the order in which they are used.
@@ -79,7 +81,7 @@ impl Breeder {
     /// the wheel, so nobody is chosen a whole time more or less often than
     /// expected; shuffled, or neighbours in rank would mate.
     pub(super) fn parents(&self, generation: usize) -> Vec<u32> {
-        let mut rng = self.individual(generation, SELECTION as usize);
+        let mut rng = self.stream(generation, SELECTION);
         let count = 2 * self.shares.crossed + self.shares.mutated;
         let total = self.wheel.last().copied().unwrap_or(0.0);
         let step = total / count as f64;
@@ -100,29 +102,49 @@ impl Breeder {
 
     /// Fills `next` behind the elite with the children of `units`.
     ///
-    /// `order[rank]` is the place of that rank in `units`; `spread` the standard
-    /// deviation of mutation in widths of the box.
-    pub(super) fn children(&self, generation: usize, units: &[Point], order: &[u32], spread: f64, next: &mut [Point]) {
-        let parents = self.parents(generation);
-        let parent = |i: usize| &units[order[parents[i] as usize] as usize];
-        let crossed = self.shares.crossed;
-        next.par_iter_mut().enumerate().with_min_len(256).for_each(|(k, child)| {
-            let mut rng = self.individual(generation, k);
-            *child = if k < crossed {
+    /// `order[rank]` is the place of that rank in `units`, `parents` are ranks;
+    /// `spread` is the standard deviation of mutation in widths of the box.
+    pub(super) fn children(&self, family: &Family<'_>, spread: f64, next: &mut [Point]) {
+        let (crossed, mutated) = next.split_at_mut(self.shares.crossed);
+        let (couples, singles) = family.parents.split_at(2 * crossed.len());
+        let generation = family.generation;
+        let parent = |rank: u32| &family.units[family.order[rank as usize] as usize];
+        let tasks = crossed.par_chunks_mut(CHUNK).zip(couples.par_chunks(2 * CHUNK)).enumerate();
+        tasks.for_each(|(c, (children, couples))| {
+            let mut rng = self.stream(generation, 2 * c as u64);
+            for (child, couple) in children.iter_mut().zip(couples.chunks(2)) {
                 let bits = rng.next_u32();
-                let (a, b) = (parent(2 * k), parent(2 * k + 1));
-                std::array::from_fn(|i| if bits >> i & 1 == 1 { a[i] } else { b[i] })
-            } else {
-                let mut unit = *parent(crossed + k);
-                for pair in self.free.chunks(2) {
-                    for (&i, z) in pair.iter().zip(normal_pair(&mut rng)) {
-                        unit[i] = spread.mul_add(z, unit[i]);
-                    }
+                let (a, b) = (parent(couple[0]), parent(couple[1]));
+                *child = std::array::from_fn(|i| if bits >> i & 1 == 1 { a[i] } else { b[i] });
+            }
+        });
+        let free = self.free.len();
+        let tasks = mutated.par_chunks_mut(CHUNK).zip(singles.par_chunks(CHUNK)).enumerate();
+        tasks.for_each(|(c, (children, singles))| {
+            let mut rng = self.stream(generation, 2 * c as u64 + 1);
+            let mut steps = vec![0.0; (free * children.len()).next_multiple_of(2)];
+            normals(&mut rng, &mut steps);
+            for ((child, rank), steps) in children.iter_mut().zip(singles).zip(steps.chunks(free)) {
+                let mut unit = *parent(*rank);
+                for (&i, z) in self.free.iter().zip(steps) {
+                    unit[i] += spread * z;
                 }
-                unit
-            };
+                *child = unit;
+            }
         });
     }
+}
+
+/// Those who beget a generation.
+pub(super) struct Family<'a> {
+    /// Number of the generation begotten.
+    pub(super) generation: usize,
+    /// The present generation, unit coordinates.
+    pub(super) units: &'a [Point],
+    /// Its places by rank.
+    pub(super) order: &'a [u32],
+    /// Ranks of the parents, in the order in which they are used.
+    pub(super) parents: &'a [u32],
 }
 
 #[cfg(test)]
@@ -159,14 +181,16 @@ mod tests {
         let units = breeder.first(100);
         let order: Vec<u32> = (0..100).collect();
         let mut next = vec![[0.0; COUNT]; 95];
-        breeder.children(1, &units, &order, 0.0, &mut next);
+        let parents = breeder.parents(1);
+        let family = Family { generation: 1, units: &units, order: &order, parents: &parents };
+        breeder.children(&family, 0.0, &mut next);
         for child in &next[..48] {
             assert!(breeder.free.iter().all(|&i| units.iter().any(|u| u[i] == child[i])));
         }
         for child in &next[48..] {
             assert!(units.contains(child));
         }
-        breeder.children(1, &units, &order, 0.1, &mut next);
+        breeder.children(&family, 0.1, &mut next);
         assert!(next[48..].iter().all(|c| !units.contains(c) && c[1] == 0.0));
     }
 }

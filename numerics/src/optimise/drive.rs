@@ -1,7 +1,7 @@
 //! The genetic algorithm followed by the simplex.
 
 use super::genetic::{Ga, GaSettings, GaStop, Generation};
-use super::problem::{Problem, Score};
+use super::problem::{Evaluated, Problem, Score};
 use super::simplex::{NelderMead, SimplexSettings, SimplexStop};
 use super::{OptimiseError, clamped};
 use crate::parameters::Point;
@@ -71,10 +71,11 @@ pub fn optimise(
     let mut search = Ga::new(problem.bounds, *ga)?;
     let mut evaluations = 0;
     let mut interrupted = false;
+    let (mut memory, mut told) = (Evaluated::default(), Vec::new());
     while search.finished().is_none() && !interrupted {
-        let fitnesses = fitnesses(problem, search.ask());
-        evaluations += fitnesses.len();
-        search.tell(&fitnesses)?;
+        problem.score_into(search.ask(), &mut memory, &mut told, |score| score.fitness);
+        evaluations += told.len();
+        search.tell(&told)?;
         interrupted = observe(&progress(Phase::Genetic, &search, evaluations, None)).is_break();
     }
     let (best, _) = search.best().ok_or(OptimiseError::NothingFinite)?;

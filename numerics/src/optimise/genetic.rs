@@ -1,6 +1,6 @@
 //! The genetic algorithm, asked for points and told their fitnesses.
 
-use super::breed::Breeder;
+use super::breed::{Breeder, Family};
 use super::{OptimiseError, check, free};
 use crate::parameters::{Bounds, Point};
 use rayon::prelude::*;
@@ -149,23 +149,29 @@ impl Ga {
         for (to, score) in self.fitnesses[old..].iter_mut().zip(scores) {
             *to = if score.is_nan() { f64::INFINITY } else { *score };
         }
-        let order = self.order();
+        // Who is chosen is known by rank before it is known who has which rank.
+        let (order, parents) = rayon::join(|| self.order(), || self.breeder.parents(self.history.len() + 1));
         self.record(order[0] as usize);
         self.finished = self.stop();
         if self.finished.is_some() {
             self.asked.clear();
         } else {
-            self.beget(&order);
+            self.beget(&order, &parents);
         }
         Ok(())
     }
 
     /// Places by rank, the best first; equals keep their order.
     fn order(&self) -> Vec<u32> {
-        let fitnesses = &self.fitnesses;
-        let mut order: Vec<u32> = (0..fitnesses.len() as u32).collect();
-        order.par_sort_unstable_by(|&a, &b| fitnesses[a as usize].total_cmp(&fitnesses[b as usize]).then(a.cmp(&b)));
-        order
+        // Fitness and place together: to look the fitnesses up while sorting would
+        // take several times as long. Integers in this form are ordered as `total_cmp`.
+        let key = |(place, fitness): (usize, &f64)| {
+            let bits = fitness.to_bits() as i64;
+            (bits ^ ((bits >> 63) as u64 >> 1) as i64, place as u32)
+        };
+        let mut keys: Vec<(i64, u32)> = self.fitnesses.iter().enumerate().map(key).collect();
+        keys.par_sort_unstable();
+        keys.into_iter().map(|(_, place)| place).collect()
     }
 
     fn record(&mut self, first: usize) {
@@ -191,7 +197,7 @@ impl Ga {
         (now >= self.settings.generations).then_some(GaStop::Generations)
     }
 
-    fn beget(&mut self, order: &[u32]) {
+    fn beget(&mut self, order: &[u32], parents: &[u32]) {
         let elite = self.breeder.shares.elite;
         let generation = self.history.len();
         for (rank, &place) in order[..elite].iter().enumerate() {
@@ -201,7 +207,8 @@ impl Ga {
         self.fitnesses[..elite].copy_from_slice(&kept);
         let past = (generation - 1) as f64 / self.settings.generations as f64;
         let spread = self.settings.mutation_scale * (1.0 - self.settings.mutation_shrink * past);
-        self.breeder.children(generation, &self.units, order, spread, &mut self.next[elite..]);
+        let family = Family { generation, units: &self.units, order, parents };
+        self.breeder.children(&family, spread, &mut self.next[elite..]);
         std::mem::swap(&mut self.units, &mut self.next);
         let bounds = self.bounds;
         let children = self.units[elite..].par_iter().map(|u| bounds.from_unit(u));

@@ -10,6 +10,13 @@ const MILLIMETRE: f64 = 1e-3;
 /// A batch predictor: scaled means `[L+, D+, M+, P+]` of each point in table units.
 pub type Predict<'a> = dyn Fn(&[Point], &mut [[f64; 4]]) + Sync + 'a;
 
+/// A batch of clearances: least distance of any wing point from the plane of symmetry
+/// over each stroke, in metres. It is called from many threads, each with a part.
+pub type Clearances<'a> = dyn Fn(&[Point], &mut [f64]) + Sync + 'a;
+
+/// Points whose clearances are asked for together.
+const TASK: usize = 512;
+
 /// A surrogate and what is asked of it.
 ///
 /// ```text
@@ -27,9 +34,8 @@ pub type Predict<'a> = dyn Fn(&[Point], &mut [[f64; 4]]) + Sync + 'a;
 pub struct Problem<'a> {
     /// Scaled means `[L+, D+, M+, P+]` of a batch of points in table units.
     pub predict: &'a Predict<'a>,
-    /// Least distance of any wing point from the plane of symmetry over the
-    /// stroke, in metres. It is called for every individual, in parallel.
-    pub clearance: &'a (dyn Fn(&Point) -> f64 + Sync),
+    /// Clearances of a batch of points in table units, metres.
+    pub clearance: &'a Clearances<'a>,
     /// Clearance asked for, in metres.
     pub margin_m: f64,
     /// The box searched; `lower == upper` holds a parameter.
@@ -56,13 +62,34 @@ pub struct Score {
 impl Problem<'_> {
     /// Scores a batch of points in table units.
     pub fn score(&self, xs: &[Point]) -> Vec<Score> {
-        let inside: Vec<Point> = xs.par_iter().map(|x| clamped(&self.bounds, x)).collect();
-        let mut outputs = vec![[0.0; 4]; xs.len()];
-        (self.predict)(&inside, &mut outputs);
-        (xs, &inside, &outputs)
-            .into_par_iter()
-            .map(|(x, inside, outputs)| self.judge(x, *outputs, (self.clearance)(inside)))
-            .collect()
+        let mut scores = Vec::new();
+        self.score_into(xs, &mut Evaluated::default(), &mut scores, |score| score);
+        scores
+    }
+
+    /// What `of` takes of the score of each point, in memory used again.
+    pub(super) fn score_into<T: Send>(
+        &self,
+        xs: &[Point],
+        memory: &mut Evaluated,
+        into: &mut Vec<T>,
+        of: impl Fn(Score) -> T + Sync,
+    ) {
+        let Evaluated { inside, outputs } = memory;
+        xs.par_iter().map(|x| clamped(&self.bounds, x)).collect_into_vec(inside);
+        outputs.resize(xs.len(), [0.0; 4]);
+        (self.predict)(inside, outputs);
+        let tasks = xs.par_chunks(TASK).zip(inside.par_chunks(TASK)).zip(outputs.par_chunks(TASK));
+        let parts: Vec<Vec<T>> = tasks
+            .map(|((xs, inside), outputs)| {
+                let mut clearances = [0.0; TASK];
+                (self.clearance)(inside, &mut clearances[..xs.len()]);
+                let all = xs.iter().zip(outputs).zip(clearances);
+                all.map(|((x, outputs), clearance)| of(self.judge(x, *outputs, clearance))).collect()
+            })
+            .collect();
+        into.clear();
+        into.extend(parts.into_iter().flatten());
     }
 
     fn judge(&self, x: &Point, outputs: [f64; 4], clearance_m: f64) -> Score {
@@ -82,4 +109,11 @@ impl Problem<'_> {
         let zeta = |i: usize| (lower[i] - x[i]).max(x[i] - upper[i]).max(0.0);
         (0..COUNT).filter(|&i| !self.bounds.is_held(i)).map(|i| zeta(i) / (upper[i] - lower[i])).sum()
     }
+}
+
+/// Memory of an evaluation.
+#[derive(Default)]
+pub(super) struct Evaluated {
+    inside: Vec<Point>,
+    outputs: Vec<[f64; 4]>,
 }

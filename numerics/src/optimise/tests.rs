@@ -10,8 +10,8 @@ fn go(_: &Progress) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-fn wide(_: &Point) -> f64 {
-    1.0
+fn wide(_: &[Point], out: &mut [f64]) {
+    out.fill(1.0);
 }
 
 /// Holds all but the first `n` parameters at their lower bounds.
@@ -98,7 +98,11 @@ fn clearance_and_box_hold_at_the_optimum() {
     let bounds = first(3);
     // Power falls with every parameter: u0 ends at the clearance, the rest at the box.
     let predict = power(bounds, |u| 3.0 - u[0] - u[1] - u[2]);
-    let clearance = |x: &Point| 0.01 * (1.0 - bounds.to_unit(x)[0]);
+    let clearance = |xs: &[Point], out: &mut [f64]| {
+        for (x, out) in xs.iter().zip(out) {
+            *out = 0.01 * (1.0 - bounds.to_unit(x)[0]);
+        }
+    };
     let problem = Problem { clearance: &clearance, margin_m: 0.004, ..problem(bounds, &predict) };
     let found = optimise(&problem, &ga(2000, 80), &Default::default(), &mut go).unwrap();
     let unit = bounds.to_unit(&found.point);
@@ -120,7 +124,7 @@ fn the_fitness_is_the_formula() {
             *out = [0.9, -0.02, 0.03, 0.5];
         }
     };
-    let clearance = |_: &Point| 0.0005;
+    let clearance = |_: &[Point], out: &mut [f64]| out.fill(0.0005);
     let problem = Problem { clearance: &clearance, margin_m: 0.001, ..problem(bounds, &predict) };
     let mut x = bounds.lower;
     // A tenth of the width above in one parameter, a fifth below in the other;
@@ -131,7 +135,7 @@ fn the_fitness_is_the_formula() {
     let score = problem.score(&[x])[0];
     assert!((score.penalty - (2.0 * 0.15 + 5.0 * (0.1 + 0.2) + 5.0 * 0.5)).abs() < 1e-12);
     assert!((score.fitness - score.penalty - 0.5).abs() < 1e-12);
-    let nan = |_: &Point| f64::NAN;
+    let nan = |_: &[Point], out: &mut [f64]| out.fill(f64::NAN);
     assert!(Problem { clearance: &nan, ..problem }.score(&[x])[0].fitness.is_nan());
 }
 

@@ -1,6 +1,7 @@
 //! The network itself: shape, checks and prediction.
 
-use super::kernel::{self, Batch, Layers};
+use super::infer::{Batch, Jacobian, Packed, Slopes};
+use crate::lanes;
 use crate::parameters::{Bounds, COUNT, Point};
 use rayon::prelude::*;
 
@@ -113,7 +114,8 @@ impl Network {
     /// The scaled means `[L+, D+, M+, P+]` at one point in table units.
     pub fn predict(&self, x: &Point) -> [f64; 4] {
         let mut out = [[0.0; 4]];
-        kernel::dispatch(self.batch(std::slice::from_ref(x), &mut out));
+        let xs = std::slice::from_ref(x);
+        lanes::dispatch(Batch { net: &Packed::new(self), xs, out: &mut out });
         out[0]
     }
 
@@ -121,21 +123,27 @@ impl Network {
     ///
     /// Where the two slices differ in length, the shorter one counts.
     pub fn predict_into(&self, xs: &[Point], out: &mut [[f64; 4]]) {
+        let net = &Packed::new(self);
         xs.par_chunks(TASK).zip(out.par_chunks_mut(TASK)).for_each(|(xs, out)| {
-            kernel::dispatch(self.batch(xs, out));
+            lanes::dispatch(Batch { net, xs, out });
         });
     }
 
-    fn batch<'a>(&'a self, xs: &'a [Point], out: &'a mut [[f64; 4]]) -> Batch<'a> {
-        let h = self.neurons();
-        let row = |k| self.output_weights.get(k * h..(k + 1) * h).unwrap_or_default();
-        let layers = Layers {
-            hidden_weights: &self.hidden_weights,
-            hidden_biases: &self.hidden_biases,
-            output_weights: std::array::from_fn(row),
-            output_biases: self.output_biases,
-        };
-        Batch { layers, bounds: &self.bounds, xs, out }
+    /// Outputs `[L+, D+, M+, P+]` at one point in table units, with the bits of
+    /// [`Network::predict`], and their derivatives by the ten parameters, one row
+    /// per output; those by held parameters are 0.
+    pub fn jacobian(&self, x: &Point) -> Jacobian {
+        let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
+        self.jacobians_into(std::slice::from_ref(x), &mut out);
+        out[0]
+    }
+
+    /// Jacobians of a batch, on the calling thread: a register full of points costs
+    /// little more than one. Each result has the bits of [`Network::jacobian`].
+    ///
+    /// Where the two slices differ in length, the shorter one counts.
+    pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        lanes::dispatch(Slopes { net: &Packed::new(self), xs, out });
     }
 }
 
@@ -144,7 +152,6 @@ pub(crate) mod tests {
     use super::super::random::{Streams, uniform};
     use super::*;
     use crate::math;
-    use pulp::WithSimd;
 
     /// A network with random weights.
     pub(crate) fn random_network(h: usize, seed: u64) -> Network {
@@ -188,17 +195,6 @@ pub(crate) mod tests {
                 assert_eq!(net.predict(x), *y);
             }
         }
-    }
-
-    #[test]
-    fn a_machine_without_wide_registers_gives_the_same_bits() {
-        let net = random_network(33, 5);
-        let xs = random_points(101, &net.bounds, 6);
-        let (mut wide, mut single) = (vec![[0.0; 4]; 101], vec![[0.0; 4]; 101]);
-        net.predict_into(&xs, &mut wide);
-        net.batch(&xs, &mut single).with_simd(pulp::Scalar);
-        assert_eq!(wide, single);
-        assert!(net.predict(&[f64::NAN; COUNT]).iter().all(|y| y.is_nan()));
     }
 
     #[test]

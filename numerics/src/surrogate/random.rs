@@ -3,8 +3,9 @@
 //! A stream belongs to what is drawn, not to the thread which draws it, so the
 //! number of threads cannot change a result.
 
-use crate::math;
-use rand::{RngExt, SeedableRng};
+use crate::lanes::{self, normal_pair};
+use pulp::{Simd, WithSimd};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// The source from which [`stream`] derives its streams; cheap to copy.
@@ -32,15 +33,53 @@ pub(crate) fn uniform(rng: &mut ChaCha8Rng) -> f64 {
     rng.random::<f64>()
 }
 
-/// Two independent standard normal numbers (Box & Muller 1958).
+/// Fills `out`, of even length, with independent standard normal numbers.
 ///
-/// The sine and the cosine come from the portable library, so the numbers are
-/// the same on every machine, and a fixed count of words is drawn.
-pub(crate) fn normal_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
-    // 1 - u lies in (0, 1], where the logarithm is finite.
-    let radius = (-2.0 * math::ln(1.0 - uniform(rng))).sqrt();
-    let (sin, cos) = math::sin_cos(std::f64::consts::TAU * uniform(rng));
-    [radius * cos, radius * sin]
+/// Two words are drawn for each two numbers; the first half of `out` has the cosines
+/// of Box & Muller 1958, the second the sines, so that the width of the registers
+/// does not matter.
+pub(crate) fn normals(rng: &mut ChaCha8Rng, out: &mut [f64]) {
+    const UNIT: f64 = 1.0 / (1u64 << 53) as f64;
+    let (first, second) = out.split_at_mut(out.len() / 2);
+    const PAIRS: usize = 64;
+    for (first, second) in first.chunks_mut(PAIRS).zip(second.chunks_mut(PAIRS)) {
+        let (mut angle, mut sign) = ([0.0; PAIRS], [1.0; PAIRS]);
+        for (i, radius) in first.iter_mut().enumerate() {
+            // 1 - u lies in (0, 1], where the logarithm is finite.
+            *radius = 1.0 - (rng.next_u64() >> 11) as f64 * UNIT;
+            let word = rng.next_u64();
+            angle[i] = (word >> 11) as f64 * UNIT - 0.5;
+            sign[i] = if word & 1 == 0 { 1.0 } else { -1.0 };
+        }
+        let count = first.len();
+        lanes::dispatch(Normals { angle: &angle[..count], sign: &sign[..count], first, second });
+    }
+}
+
+/// Box & Muller's numbers in place of `first`, the radii, and `second`.
+struct Normals<'a> {
+    angle: &'a [f64],
+    sign: &'a [f64],
+    first: &'a mut [f64],
+    second: &'a mut [f64],
+}
+
+impl WithSimd for Normals<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let wide = S::F64_LANES;
+        let uniform = self.angle.chunks(wide).zip(self.sign.chunks(wide));
+        let out = self.first.chunks_mut(wide).zip(self.second.chunks_mut(wide));
+        for ((angle, sign), (first, second)) in uniform.zip(out) {
+            // Lanes without a number hold 0; what becomes of them is not stored.
+            let radius = simd.partial_load_f64s(first);
+            let [a, b] = normal_pair(simd, radius, simd.partial_load_f64s(angle), simd.partial_load_f64s(sign));
+            simd.partial_store_f64s(first, a);
+            simd.partial_store_f64s(second, b);
+        }
+    }
 }
 
 /// Shuffles in place (Fisher & Yates).
@@ -67,10 +106,15 @@ mod tests {
     #[test]
     fn normal_numbers_have_mean_zero_and_variance_one() {
         let mut rng = Streams::new(1).stream(0);
-        let draws: Vec<f64> = (0..50_000).flat_map(|_| normal_pair(&mut rng)).collect();
+        let mut draws = vec![0.0; 100_000];
+        normals(&mut rng, &mut draws);
         let n = draws.len() as f64;
         let mean = draws.iter().sum::<f64>() / n;
         let variance = draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n;
         assert!(mean.abs() < 0.01 && (variance - 1.0).abs() < 0.02, "{mean} {variance}");
+        let kurtosis = draws.iter().map(|d| (d - mean).powi(4)).sum::<f64>() / n;
+        let (first, second) = draws.split_at(50_000);
+        let product = first.iter().zip(second).map(|(a, b)| a * b).sum::<f64>() / 50_000.0;
+        assert!((kurtosis - 3.0).abs() < 0.1 && product.abs() < 0.02, "{kurtosis} {product}");
     }
 }

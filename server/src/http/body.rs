@@ -5,7 +5,7 @@ use axum::extract::rejection::{BytesRejection, FailedToBufferBody};
 use axum::extract::{DefaultBodyLimit, FromRequest, Request};
 use axum::http::{HeaderMap, header};
 use manduca_protocol::problem::FieldProblem;
-use manduca_protocol::study::StudySpec;
+use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::view::PredictionRequest;
 use manduca_protocol::worker::{ExchangeRequest, RegisterRequest};
 use serde::de::DeserializeOwned;
@@ -47,6 +47,7 @@ impl Accepted for ExchangeRequest {
 
 impl Accepted for RegisterRequest {}
 impl Accepted for PredictionRequest {}
+impl Accepted for OptimisationSpec {}
 
 /// A JSON body.
 pub(crate) struct JsonBody<T>(pub(crate) T);

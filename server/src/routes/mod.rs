@@ -6,6 +6,7 @@ mod exchange;
 mod health;
 mod jobs;
 pub(crate) mod openapi;
+mod optimisations;
 mod optimum;
 mod studies;
 mod submit;
@@ -26,6 +27,7 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(jobs::router())
         .merge(dataset::router())
         .merge(surrogate::router())
+        .merge(optimisations::router())
         .merge(optimum::router())
         .merge(workers::router())
         .merge(exchange::router())

@@ -35,7 +35,7 @@ pub(super) struct StudyRow {
     pub(super) condition: Condition,
     samples: u32,
     next_sample: u32,
-    optimisations: i64,
+    pub(super) optimisations: i64,
 }
 
 /// A study by its short number.
@@ -148,7 +148,12 @@ pub(super) async fn set_stage(work: &mut Work<'_>, row: &StudyRow, stage: Stage)
     Ok(())
 }
 
-async fn insert_jobs(db: &mut SqliteConnection, study: i64, role: JobRole, n: i64) -> Result<(), StoreError> {
+pub(super) async fn insert_jobs(
+    db: &mut SqliteConnection,
+    study: i64,
+    role: JobRole,
+    n: i64,
+) -> Result<(), StoreError> {
     for ordinal in 0..n {
         sqlx::query(
             "insert into jobs (study, role, ordinal, state) values (?, ?, ?, 'ready')
@@ -220,7 +225,8 @@ pub(super) async fn end_stage(work: &mut Work<'_>, study: i64, stage: Stage) -> 
 
 /// The specification of a study.
 pub(super) async fn read_spec(db: &mut SqliteConnection, study: i64) -> Result<StudySpec, StoreError> {
-    let spec: String = sqlx::query_scalar("select spec from studies where study = ?").bind(study).fetch_one(db).await?;
+    let spec: String =
+        sqlx::query_scalar("select spec from study_specs where study = ?").bind(study).fetch_one(db).await?;
     body::from_json(spec.as_bytes())
 }
 

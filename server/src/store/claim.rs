@@ -98,5 +98,5 @@ async fn lease_jobs(
 }
 
 async fn find_spec(db: &mut SqliteConnection, study: i64) -> Result<(Vec<u8>, String), StoreError> {
-    Ok(sqlx::query_as("select id, spec from studies where study = ?").bind(study).fetch_one(db).await?)
+    Ok(sqlx::query_as("select id, spec from study_specs where study = ?").bind(study).fetch_one(db).await?)
 }

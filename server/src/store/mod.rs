@@ -1,6 +1,7 @@
 //! The store: all SQL there is, in one place. Changes are operations queued to
 //! the one writer ([`writer`]); reads go to a pool which cannot write.
 
+mod add;
 mod advance;
 mod body;
 
@@ -36,6 +37,7 @@ use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
 
+pub(crate) use add::AddOptimisation;
 pub(crate) use body::pack;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};

@@ -80,7 +80,7 @@ impl Store {
     pub(crate) async fn task_row(&self, job: JobId) -> Result<TaskRow, StoreError> {
         let found: Option<(i64, String, i64, Option<String>, String)> = sqlx::query_as(
             "select j.study, j.role, j.ordinal, j.parameters, s.spec
-             from jobs as j join studies as s on s.study = j.study where j.job = ?",
+             from jobs as j join study_specs as s on s.study = j.study where j.job = ?",
         )
         .bind(job.0)
         .fetch_optional(self.readers())

@@ -45,11 +45,13 @@ impl StudyHead {
 impl Store {
     /// A study's head.
     pub(crate) async fn study_head(&self, id: StudyId) -> Result<StudyHead, StoreError> {
-        let raw: Option<RawStudy> =
-            sqlx::query_as("select study, stage, condition, failure, created_ms, spec from studies where id = ?")
-                .bind(id.0.as_bytes().as_slice())
-                .fetch_optional(self.readers())
-                .await?;
+        let raw: Option<RawStudy> = sqlx::query_as(
+            "select s.study, s.stage, s.condition, s.failure, s.created_ms, a.spec
+                 from studies as s join study_specs as a on a.study = s.study where s.id = ?",
+        )
+        .bind(id.0.as_bytes().as_slice())
+        .fetch_optional(self.readers())
+        .await?;
         let raw = raw.ok_or(StoreError::UnknownStudy(id))?;
         Ok(StudyHead {
             study: raw.study,

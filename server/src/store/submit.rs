@@ -96,11 +96,12 @@ async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreE
     Ok(inserted.last_insert_rowid())
 }
 
-/// Notes that a stage begins, or goes on after all.
+/// Notes that a stage begins, or goes on after all; what passed in between does not count.
 pub(super) async fn insert_stage(work: &mut Work<'_>, study: i64, stage: Stage) -> Result<(), StoreError> {
     sqlx::query(
         "insert into study_stages (study, stage, started_ms) values (?, ?, ?)
-         on conflict (study, stage) do update set ended_ms = null",
+         on conflict (study, stage) do update set
+             started_ms = started_ms + excluded.started_ms - coalesce(ended_ms, excluded.started_ms), ended_ms = null",
     )
     .bind(study)
     .bind(stage.name())

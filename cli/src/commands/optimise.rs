@@ -1,0 +1,60 @@
+//! `manduca optimise`: a further optimum on a network there is.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use manduca_protocol::study::{self, OptimisationSpec};
+
+use super::study::watch;
+use crate::api::Api;
+use crate::args::{Method, OptimiseArgs};
+use crate::exit::refused;
+use crate::output::{Output, note};
+
+/// Asks a study for a further optimum.
+pub async fn optimise(args: OptimiseArgs) -> Result<ExitCode> {
+    let spec = specification(&args)?;
+    let api = Api::new(&args.coordinator.url)?;
+    let id = api.find(&args.study).await?;
+    let added = api.add_optimisation(id, &spec).await?;
+    if args.wait {
+        note(format_args!("{} of study {id}", added.name));
+        return watch(&api, id, args.json).await;
+    }
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&added)?;
+    } else {
+        out.line(format_args!("{} of {id} is asked for; `manduca optimum {id}` will show it", added.name))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The file's optimisation, or one of defaults, with the options' changes.
+fn specification(args: &OptimiseArgs) -> Result<OptimisationSpec> {
+    let mut spec: OptimisationSpec = match (&args.file, &args.name) {
+        (Some(path), _) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+            let read = if json {
+                serde_json::from_str(&text).map_err(|e| e.to_string())
+            } else {
+                toml::from_str(&text).map_err(|e| e.to_string())
+            };
+            read.map_err(|why| refused(format!("{}: {why}", path.display())))?
+        }
+        (None, name) => serde_json::from_value(serde_json::json!({ "name": name }))?,
+    };
+    if let Some(name) = &args.name {
+        spec.name.clone_from(name);
+    }
+    if let Some(method) = args.method {
+        spec.method = match method {
+            Method::Sqp => study::Method::Sqp,
+            Method::Paper => study::Method::Paper,
+        };
+    }
+    spec.starts = args.starts.unwrap_or(spec.starts);
+    spec.parameters.extend(args.set.iter().cloned());
+    Ok(spec)
+}
