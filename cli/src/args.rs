@@ -284,6 +284,8 @@ pub struct SimulateArgs {
 pub enum BenchCommand {
     /// The vortex lattice: its kernel, whole cases, and what a study would take here.
     Solver(BenchSolverArgs),
+    /// The network: an iteration of its training, its memory, its use.
+    Surrogate(BenchSurrogateArgs),
 }
 
 /// `manduca bench solver`.
@@ -302,6 +304,28 @@ pub struct BenchSolverArgs {
     /// Also show how time and work grow with panels, steps, strokes and rows of wake.
     #[arg(long)]
     pub scaling: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca bench surrogate`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Trains on strokes flown by blade elements, four fifths of the samples given.
+
+Example:
+  manduca bench surrogate --json")]
+pub struct BenchSurrogateArgs {
+    /// Neurons of the hidden layer.
+    #[arg(long, value_name = "N", default_value_t = 500)]
+    pub neurons: usize,
+    /// Samples; four fifths of them are fitted.
+    #[arg(long, value_name = "N", default_value_t = 5000)]
+    pub samples: usize,
+    /// Iterations whose middle time is told.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub iterations: usize,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,

@@ -51,8 +51,8 @@ fn after(task: &Task, slot: &mut std::process::Child) -> Result<Option<f64>> {
     bail!("the slot broke off")
 }
 
-/// `VmHWM` of a process which still runs (Linux).
-fn resident_peak_mb(id: u32) -> Option<f64> {
+/// Most memory a process which still runs has had, MB: `VmHWM` (Linux).
+pub fn resident_peak_mb(id: u32) -> Option<f64> {
     let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: f64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;

@@ -2,6 +2,7 @@
 
 mod memory;
 mod scaling;
+mod surrogate;
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -33,6 +34,7 @@ const OPERATIONS: f64 = 40.0;
 pub fn bench(command: &BenchCommand) -> Result<ExitCode> {
     match command {
         BenchCommand::Solver(args) => solver(args),
+        BenchCommand::Surrogate(args) => surrogate::surrogate(args),
     }
 }
 

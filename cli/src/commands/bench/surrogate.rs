@@ -1,0 +1,114 @@
+//! `manduca bench surrogate`: how fast the network is trained and used here.
+
+use std::ops::ControlFlow;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use manduca_numerics::insect::Insect;
+use manduca_numerics::kinematics::{Clearance, ElevationPhase};
+use manduca_numerics::parameters::Bounds;
+use manduca_numerics::quasi_steady;
+use manduca_numerics::sampling::sample;
+use manduca_numerics::simulation::{BodyVelocity, Model, Simulation, level, simulate};
+use manduca_numerics::surrogate::{Sample, TrainSettings, train};
+use serde::Serialize;
+
+use super::memory;
+use crate::args::BenchSurrogateArgs;
+use crate::output::Output;
+
+/// What `bench surrogate` found. Training uses every core.
+#[derive(Debug, Serialize)]
+struct Report {
+    level: &'static str,
+    cores: usize,
+    neurons: usize,
+    /// Samples the weights are fitted to.
+    train_samples: usize,
+    #[serde(flatten)]
+    training: Training,
+}
+
+/// Times of one iteration, accepted steps only partly: whatever is refused on the way counts.
+#[derive(Debug, Serialize)]
+struct Training {
+    /// Levenberg-Marquardt, s.
+    lm_iteration_s: f64,
+    /// Most memory of this process after training, MiB; none where the system does not tell.
+    peak_rss_mib: Option<f64>,
+}
+
+/// Strokes of the paper's box, flown by blade elements: as many numbers as a study has, at no cost.
+fn stand_in(count: usize) -> Result<Vec<Sample>> {
+    let (insect, elevation_phase) = (Insect::default(), ElevationPhase::Plus);
+    let clearance = Clearance::new(&insect, elevation_phase);
+    let settings = quasi_steady::Settings { blade_elements: 20, steps_per_stroke: 48, ..Default::default() };
+    let fly = |index: usize| {
+        let x = sample(&Bounds::default(), 1, index as u64, &|x| clearance.of(x) >= 0.0)?;
+        let model = Model::QuasiSteady(settings);
+        let body_velocity = BodyVelocity::default();
+        let stroke = Simulation { model, insect, parameters: x, elevation_phase, elastic_storage: 0.0, body_velocity };
+        Some(Sample { x, y: simulate(&stroke).ok()?.scaled.map(|e| e.mean) })
+    };
+    (0..count).map(fly).collect::<Option<_>>().context("no stroke of the paper's box is feasible")
+}
+
+/// Median wall time of an iteration, s.
+fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<f64> {
+    let mut last = Instant::now();
+    let mut times = Vec::new();
+    train(samples, &Bounds::default(), settings, &mut |epoch| {
+        if epoch.iteration > 0 {
+            times.push(last.elapsed().as_secs_f64());
+        }
+        last = Instant::now();
+        ControlFlow::Continue(())
+    })?;
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied().context("the training stopped before its first iteration")
+}
+
+fn training(samples: &[Sample], args: &BenchSurrogateArgs) -> Result<Training> {
+    let settings = TrainSettings {
+        neurons: args.neurons,
+        max_iterations: args.iterations,
+        patience: args.iterations,
+        ..TrainSettings::default()
+    };
+    let lm_iteration_s = iteration_s(samples, &settings)?;
+    let peak_rss_mib = memory::resident_peak_mb(std::process::id()).map(|mb| mb * 1e6 / f64::from(1 << 20));
+    Ok(Training { lm_iteration_s, peak_rss_mib })
+}
+
+/// Runs the benchmark.
+pub fn surrogate(args: &BenchSurrogateArgs) -> Result<ExitCode> {
+    let samples = stand_in(args.samples)?;
+    let report = Report {
+        level: level(),
+        cores: std::thread::available_parallelism().map_or(1, usize::from),
+        neurons: args.neurons,
+        train_samples: (args.samples as f64 * TrainSettings::default().train_share).round() as usize,
+        training: training(&samples, args)?,
+    };
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&report)?;
+    } else {
+        print(&mut out, &report)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(out: &mut Output, r: &Report) -> std::io::Result<()> {
+    out.line(format_args!("10-{}-4, {} samples, {} cores, {}, medians", r.neurons, r.train_samples, r.cores, r.level))?;
+    let row = |what: &str, value: String| vec![what.to_owned(), value];
+    let or_none = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}"));
+    out.table(
+        &["what".to_owned(), "value".to_owned()],
+        &[
+            row("Levenberg-Marquardt, one iteration, s", format!("{:.2}", r.training.lm_iteration_s)),
+            row("most memory while training, MiB", or_none(r.training.peak_rss_mib)),
+        ],
+    )
+}
