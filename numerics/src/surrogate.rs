@@ -19,6 +19,7 @@ mod levenberg_tests;
 mod network;
 mod normal;
 pub(crate) mod random;
+mod slope;
 mod train;
 #[cfg(test)]
 mod train_tests;
@@ -26,6 +27,7 @@ mod train_tests;
 pub use initial::Split;
 pub(crate) use network::bad_bounds;
 pub use network::{Network, NetworkError};
+pub use slope::Jacobian;
 pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
 
 use crate::parameters::Point;

@@ -45,7 +45,7 @@ const SERIES: [f64; 12] = [
 /// tanh x = (e^2x - 1) / (e^2x + 1), with e^2x - 1 built from expm1 of the
 /// reduced argument so that no digits cancel near zero.
 #[inline(always)]
-fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
+pub(super) fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     let all = |v: f64| simd.splat_f64s(v);
     let inside = simd.min_f64s(simd.max_f64s(x, all(-SATURATION)), all(SATURATION));
     let y = simd.add_f64s(inside, inside);

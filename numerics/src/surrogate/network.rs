@@ -1,6 +1,7 @@
 //! The network itself: shape, checks and prediction.
 
 use super::kernel::{self, Batch, Layers};
+use super::slope::{Jacobian, Slopes};
 use crate::parameters::{Bounds, COUNT, Point};
 use rayon::prelude::*;
 
@@ -126,16 +127,39 @@ impl Network {
         });
     }
 
+    /// Outputs `[L+, D+, M+, P+]` at one point in table units and their derivatives by
+    /// the ten parameters, one row per output; those by held parameters are 0.
+    pub fn jacobian(&self, x: &Point) -> Jacobian {
+        let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
+        kernel::dispatch(self.slopes(std::slice::from_ref(x), &mut out));
+        out[0]
+    }
+
+    /// Jacobians of a batch, on the calling thread: a register full of points costs
+    /// little more than one. Each result has the bits of [`Network::jacobian`].
+    ///
+    /// Where the two slices differ in length, the shorter one counts.
+    pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        kernel::dispatch(self.slopes(xs, out));
+    }
+
     fn batch<'a>(&'a self, xs: &'a [Point], out: &'a mut [[f64; 4]]) -> Batch<'a> {
+        Batch { layers: self.layers(), bounds: &self.bounds, xs, out }
+    }
+
+    pub(super) fn slopes<'a>(&'a self, xs: &'a [Point], out: &'a mut [Jacobian]) -> Slopes<'a> {
+        Slopes { layers: self.layers(), bounds: &self.bounds, xs, out }
+    }
+
+    fn layers(&self) -> Layers<'_> {
         let h = self.neurons();
         let row = |k| self.output_weights.get(k * h..(k + 1) * h).unwrap_or_default();
-        let layers = Layers {
+        Layers {
             hidden_weights: &self.hidden_weights,
             hidden_biases: &self.hidden_biases,
             output_weights: std::array::from_fn(row),
             output_biases: self.output_biases,
-        };
-        Batch { layers, bounds: &self.bounds, xs, out }
+        }
     }
 }
 
