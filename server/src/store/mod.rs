@@ -3,7 +3,7 @@
 
 mod advance;
 mod body;
-
+mod checkpoint;
 mod claim;
 mod complete;
 mod control;
@@ -37,6 +37,7 @@ use crate::config::Config;
 use crate::event::Event;
 
 pub(crate) use body::pack;
+pub(crate) use checkpoint::PreparedRenewal;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};
