@@ -25,7 +25,7 @@ fn simulation(parameters: Point, model: Model) -> Simulation {
 }
 
 fn blades() -> Model {
-    Model::QuasiSteady(quasi_steady::Settings { blade_elements: 12, steps_per_stroke: 40, ..Default::default() })
+    Model::QuasiSteady(quasi_steady::Settings { blade_elements: 12, steps_per_stroke: 200, ..Default::default() })
 }
 
 fn fly(parameters: Point, model: Model) -> [f64; 4] {
@@ -94,7 +94,7 @@ fn the_laws_hold_in_real_simulations() {
     let reversed = [inside[0], -inside[1], -inside[2], inside[3]];
     for (stroke, inside) in [(other, inside), (mirrored(&other), reversed)] {
         let (flown, said) = (fly(stroke, blades()), frame.outward(&stroke, &inside));
-        assert!((flown[2] - said[2]).abs() < 2e-3, "{flown:?} {said:?}");
+        assert!((flown[2] - said[2]).abs() < 4e-3, "{flown:?} {said:?}");
         assert_close(&[flown[0], flown[1], said[2], flown[3]], &said, 1e-10);
     }
 }

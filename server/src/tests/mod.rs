@@ -3,6 +3,7 @@
 
 mod answers;
 mod bench;
+mod checkpoints;
 mod dataset;
 mod http;
 mod long_poll;

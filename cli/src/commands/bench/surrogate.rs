@@ -6,15 +6,13 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use manduca_numerics::insect::Insect;
-use manduca_numerics::kinematics::{Clearance, ElevationPhase};
 use manduca_numerics::parameters::Bounds;
-use manduca_numerics::quasi_steady;
-use manduca_numerics::sampling::sample;
-use manduca_numerics::simulation::{BodyVelocity, Model, Simulation, level, simulate};
+use manduca_numerics::simulation::level;
 use manduca_numerics::surrogate::{Dataset, Features, Method, Sample, TrainSettings, train};
 use serde::Serialize;
 
 use super::memory;
+use super::samples::stand_in;
 use crate::args::BenchSurrogateArgs;
 use crate::output::Output;
 
@@ -39,21 +37,6 @@ struct Training {
     vp_iteration_s: f64,
     /// Most memory of this process after training, MiB; none where the system does not tell.
     peak_rss_mib: Option<f64>,
-}
-
-/// Strokes of the paper's box, flown by blade elements: as many numbers as a study has, at no cost.
-fn stand_in(count: usize) -> Result<Vec<Sample>> {
-    let (insect, elevation_phase) = (Insect::default(), ElevationPhase::Plus);
-    let clearance = Clearance::new(&insect, elevation_phase);
-    let settings = quasi_steady::Settings { blade_elements: 20, steps_per_stroke: 48, ..Default::default() };
-    let fly = |index: usize| {
-        let x = sample(&Bounds::default(), 1, index as u64, &|x| clearance.of(x) >= 0.0)?;
-        let model = Model::QuasiSteady(settings);
-        let body_velocity = BodyVelocity::default();
-        let stroke = Simulation { model, insect, parameters: x, elevation_phase, elastic_storage: 0.0, body_velocity };
-        Some(Sample { x, y: simulate(&stroke).ok()?.scaled.map(|e| e.mean), se: [0.0; 4] })
-    };
-    (0..count).map(fly).collect::<Option<_>>().context("no stroke of the paper's box is feasible")
 }
 
 /// Median wall time of an iteration, s.
