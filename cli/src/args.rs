@@ -1,10 +1,12 @@
 //! The command line.
 
+mod bench;
 mod model;
 mod optimise;
 mod record;
 mod solver;
 
+pub use bench::{BenchAccuracyArgs, BenchCommand, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice};
 pub use model::{Model, ModelArgs};
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
@@ -279,58 +281,6 @@ pub struct SimulateArgs {
     #[command(flatten)]
     pub model: ModelArgs,
     /// Print one JSON object; an infeasible stroke is an answer, exit code 0.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `manduca bench ...`.
-#[derive(Debug, Subcommand)]
-pub enum BenchCommand {
-    /// The vortex lattice: its kernel, whole cases, and what a study would take here.
-    Solver(BenchSolverArgs),
-    /// The network: an iteration of its training, its memory, its use.
-    Surrogate(BenchSurrogateArgs),
-}
-
-/// `manduca bench solver`.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Times are of one core; a study uses all. The estimate is that of `study submit --dry-run` for
-a study with the default settings: samples x seconds of a sample / cores.
-
-Examples:
-  manduca bench solver --samples 2000
-  manduca bench solver --scaling        what panels, steps, strokes and wake cost")]
-pub struct BenchSolverArgs {
-    /// Samples of the study whose time is estimated.
-    #[arg(long, value_name = "N", default_value_t = 5000)]
-    pub samples: u32,
-    /// Also show how time and work grow with panels, steps, strokes and rows of wake.
-    #[arg(long)]
-    pub scaling: bool,
-    /// Print one JSON object.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `manduca bench surrogate`.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Trains on strokes flown by blade elements, four fifths of the samples given.
-
-Example:
-  manduca bench surrogate --json")]
-pub struct BenchSurrogateArgs {
-    /// Neurons of the hidden layer.
-    #[arg(long, value_name = "N", default_value_t = 500)]
-    pub neurons: usize,
-    /// Samples; four fifths of them are fitted.
-    #[arg(long, value_name = "N", default_value_t = 5000)]
-    pub samples: usize,
-    /// Iterations whose middle time is told.
-    #[arg(long, value_name = "N", default_value_t = 5)]
-    pub iterations: usize,
-    /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
 }

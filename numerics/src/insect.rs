@@ -69,6 +69,16 @@ impl Insect {
         [w, w, w * self.moment_scale_m, self.power_scale_w]
     }
 
+    /// Centre of mass from the hinge line in stroke-plane axes (along it, normal to it), m.
+    ///
+    /// The body keeps its angle to the stroke plane, so these do not change with its tilt:
+    /// with γ the supplement of that angle, x = -l1 cos γ + h sin γ, z = -l1 sin γ - h cos γ.
+    pub fn centre_in_stroke_plane(&self) -> (f64, f64) {
+        let (s, c) = crate::math::sin_cos((180.0 - self.stroke_plane_to_body_deg).to_radians());
+        let (l, h) = (self.hinge_to_cm_along_m, self.hinge_to_cm_below_m);
+        (-l * c + h * s, -l * s - h * c)
+    }
+
     /// Checks what no single field shows.
     ///
     /// # Errors

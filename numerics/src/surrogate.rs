@@ -2,15 +2,22 @@
 //!
 //! A flight simulation costs seconds, the network about half a microsecond, so
 //! every optimiser of manduca searches on the network and asks the simulation
-//! only to confirm. The architecture, 10-500-4, the 80/10/10 split and
-//! Levenberg-Marquardt training with early stopping are those of Nguyen, Tran,
-//! Han & Lee 2019.
+//! only to confirm. The architecture, 10-500-4, the 80/10/10 split and early
+//! stopping are those of Nguyen, Tran, Han & Lee 2019. Their plain mapping and
+//! Levenberg-Marquardt are choices; the defaults are the exact laws of hovering as
+//! features, and variable projection.
 //!
 //! Neither training nor prediction depends on the number of threads. Prediction
 //! has the same bits on every machine; training has not quite, because the
 //! matrix products of `faer` round by the width of the machine's registers.
 
 mod cholesky;
+mod ensemble;
+mod errors;
+mod features;
+#[cfg(test)]
+mod features_tests;
+mod gram;
 mod infer;
 #[cfg(test)]
 mod infer_tests;
@@ -21,18 +28,25 @@ mod levenberg;
 mod levenberg_tests;
 mod network;
 mod normal;
+mod products;
+mod projection;
 pub(crate) mod random;
+mod settings;
 mod train;
 #[cfg(test)]
 mod train_tests;
 
+pub use ensemble::Surrogate;
+pub use errors::{Errors, errors};
+pub use features::{Features, Frame};
 pub use infer::Jacobian;
 pub use initial::Split;
 pub(crate) use network::bad_bounds;
 #[cfg(test)]
 pub(crate) use network::tests::random_network;
 pub use network::{Network, NetworkError};
-pub use train::{Epoch, Errors, Stop, TrainError, TrainSettings, Training, errors, train};
+pub use settings::{Method, TrainError, TrainSettings};
+pub use train::{Checkpoint, Dataset, Epoch, Member, Stop, Training, train};
 
 use crate::parameters::Point;
 
@@ -43,4 +57,6 @@ pub struct Sample {
     pub x: Point,
     /// The scaled stroke means `[L+, D+, M+, P+]`, dimensionless (paper Eq. 4).
     pub y: [f64; 4],
+    /// Standard errors of `y`; 0 where unknown.
+    pub se: [f64; 4],
 }

@@ -3,6 +3,7 @@
 
 pub mod history;
 pub mod ids;
+pub mod network;
 pub mod point;
 pub mod problem;
 pub mod resolve;

@@ -9,13 +9,15 @@ use manduca_numerics::optimise::sqp::SqpSettings;
 use manduca_numerics::optimise::{GaSettings, SimplexSettings};
 use manduca_numerics::parameters::{Bounds, TABLE, index};
 use manduca_numerics::simulation::{BodyVelocity, Model, Simulation};
-use manduca_numerics::surrogate::TrainSettings;
+use manduca_numerics::surrogate::{self, TrainSettings};
 use manduca_numerics::table::Table;
 use manduca_numerics::{quasi_steady, uvlm};
 
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
-use crate::study::{ElevationPhase, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateSpec};
+use crate::study::{
+    ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateSpec, TrainMethod,
+};
 
 /// Most samples of one study.
 pub const MAX_SAMPLES: u32 = 200_000;
@@ -23,6 +25,8 @@ pub const MAX_SAMPLES: u32 = 200_000;
 pub const MIN_SAMPLES: u32 = 20;
 /// Most neurons.
 pub const MAX_NEURONS: u32 = 1_000;
+/// Most networks of one ensemble.
+pub const MAX_ENSEMBLE: u32 = 16;
 /// Largest population.
 pub const MAX_POPULATION: u32 = 1_000_000;
 /// Most descents of one optimisation.
@@ -225,6 +229,7 @@ fn study_bounds(spec: &StudySpec, faults: &mut Faults) -> Bounds {
 
 fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faults) -> TrainSettings {
     faults.within("/surrogate/neurons", spec.neurons.into(), 1.0, MAX_NEURONS.into());
+    faults.within("/surrogate/ensemble", spec.ensemble.into(), 1.0, MAX_ENSEMBLE.into());
     faults.within("/surrogate/max_iterations", spec.max_iterations.into(), 1.0, 10_000.0);
     faults.within("/surrogate/patience", spec.patience.into(), 1.0, 1_000.0);
     faults.within("/surrogate/train_share", spec.train_share, 0.1, 0.98);
@@ -240,6 +245,15 @@ fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faul
         train_share: spec.train_share,
         validation_share: spec.validation_share,
         seed,
+        method: match spec.method {
+            TrainMethod::VariableProjection => surrogate::Method::VariableProjection,
+            TrainMethod::LevenbergMarquardt => surrogate::Method::LevenbergMarquardt,
+        },
+        features: match spec.features {
+            Features::Physical => surrogate::Features::Physical,
+            Features::Paper => surrogate::Features::Paper,
+        },
+        ensemble: spec.ensemble as usize,
     }
 }
 

@@ -120,13 +120,41 @@ fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
+/// How the weights are searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainMethod {
+    /// Levenberg-Marquardt on the hidden weights, the output weights always at their best.
+    #[default]
+    VariableProjection,
+    /// Levenberg-Marquardt on all weights, as in the paper.
+    LevenbergMarquardt,
+}
+
+/// What the networks learn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Features {
+    /// Tilt, frequency and fore-aft mirror image by their exact laws, the rest by networks.
+    #[default]
+    Physical,
+    /// Ten parameters to L+, D+, M+, P+, as in the paper.
+    Paper,
+}
+
 /// The neural network and its training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SurrogateSpec {
     /// Neurons in the hidden layer.
     pub neurons: u32,
-    /// Most iterations of Levenberg-Marquardt.
+    /// How the weights are searched.
+    pub method: TrainMethod,
+    /// What the networks learn.
+    pub features: Features,
+    /// Networks of different first weights whose mean is the prediction.
+    pub ensemble: u32,
+    /// Most iterations of each network.
     pub max_iterations: u32,
     /// Iterations without a better validation error before it stops.
     pub patience: u32,
@@ -138,7 +166,16 @@ pub struct SurrogateSpec {
 
 impl Default for SurrogateSpec {
     fn default() -> Self {
-        Self { neurons: 500, max_iterations: 200, patience: 6, train_share: 0.8, validation_share: 0.1 }
+        Self {
+            neurons: 500,
+            method: TrainMethod::default(),
+            features: Features::default(),
+            ensemble: 1,
+            max_iterations: 200,
+            patience: 6,
+            train_share: 0.8,
+            validation_share: 0.1,
+        }
     }
 }
 

@@ -62,6 +62,9 @@ pub struct TrainSample {
     pub x: [f64; 10],
     /// L+, D+, M+, P+.
     pub y: [f64; 4],
+    /// Their standard errors; 0 where unknown.
+    #[serde(default)]
+    pub se: [f64; 4],
 }
 
 /// Bounds in table order.
@@ -84,6 +87,12 @@ pub struct TrainTask {
     pub bounds: BoundsMessage,
     /// Samples ordered by index.
     pub dataset: Vec<TrainSample>,
+    /// Preset of the insect and changes to it: whose strokes they are.
+    #[serde(default)]
+    pub model: ModelSpec,
+    /// Where an earlier attempt stood.
+    #[serde(default)]
+    pub checkpoint: Option<Box<TrainCheckpoint>>,
 }
 
 /// A trained network: inputs to [0, 1] by their bounds, one sigmoid layer, linear outputs.
@@ -101,6 +110,72 @@ pub struct NetworkMessage {
     pub output_biases: [f64; 4],
 }
 
+/// How the networks' inputs and outputs stand to strokes and their means.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "features", rename_all = "kebab-case")]
+pub enum FrameMessage {
+    /// The ten parameters to L+, D+, M+, P+.
+    Paper,
+    /// Stroke-plane axes at a reference frequency: N, T, M about the hinge line, P.
+    Physical {
+        /// The reference frequency, Hz.
+        reference_hz: f64,
+        /// Centre of mass from the hinge line along the stroke plane and normal to it, over c.
+        arm: [f64; 2],
+        /// Whether predictions obey the fore-aft mirror law.
+        mirror: bool,
+    },
+}
+
+/// A trained surrogate: the mean of its networks in their frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SurrogateMessage {
+    /// What the networks learnt.
+    pub frame: FrameMessage,
+    /// One or more networks of the same bounds.
+    pub networks: Vec<NetworkMessage>,
+}
+
+/// One network of an ensemble, trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MemberMessage {
+    /// The network of the best validation error.
+    pub network: NetworkMessage,
+    /// Its iterations.
+    pub curve: Vec<EpochMessage>,
+    /// Iteration the network is from.
+    pub best_iteration: u32,
+    /// Why it stopped.
+    pub stopped: String,
+}
+
+/// A training after some iteration: another worker goes on from it to the same bits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainCheckpoint {
+    /// Networks which are done.
+    pub members: Vec<MemberMessage>,
+    /// Where the present one stands.
+    pub network: NetworkMessage,
+    /// What is made small, there.
+    pub objective: f64,
+    /// Damping of the next step.
+    pub damping: f64,
+    /// What a refused step multiplies it by.
+    pub growth: f64,
+    /// The present network's iterations so far.
+    pub curve: Vec<EpochMessage>,
+    /// The present network's best state.
+    pub best: NetworkMessage,
+}
+
+/// Where a long job can be taken up again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Checkpoint {
+    /// Of a training.
+    Train(Box<TrainCheckpoint>),
+}
+
 /// One optimisation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OptimiseTask {
@@ -112,8 +187,8 @@ pub struct OptimiseTask {
     pub optimisation: OptimisationSpec,
     /// Seed.
     pub seed: u64,
-    /// The network.
-    pub network: NetworkMessage,
+    /// What to optimise on.
+    pub surrogate: SurrogateMessage,
 }
 
 /// What a job returns.
@@ -245,14 +320,21 @@ pub struct Provenance {
 /// One iteration of the training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EpochMessage {
+    /// Which network of the ensemble, from 0.
+    #[serde(default)]
+    pub network: u32,
     /// Iteration.
     pub iteration: u32,
-    /// Mean squared errors over the four scaled outputs.
+    /// Mean squared errors over what the network learns: the four scaled outputs, with
+    /// physical features at the reference frequency.
     pub train_mse: f64,
     /// On the validation share.
     pub validation_mse: f64,
     /// On the test share.
     pub test_mse: f64,
+    /// Damping which the next step tries first.
+    #[serde(default)]
+    pub damping: f64,
 }
 
 /// Errors on one share of the samples.
@@ -269,14 +351,14 @@ pub struct ErrorsMessage {
 /// A training's result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TrainResult {
-    /// The network of the best validation error.
-    pub network: NetworkMessage,
-    /// Training curve.
+    /// What predicts.
+    pub surrogate: SurrogateMessage,
+    /// Training curves, one network after the other.
     pub curve: Vec<EpochMessage>,
-    /// Iteration the network is from.
-    pub best_iteration: u32,
-    /// Why it stopped.
-    pub stopped: String,
+    /// Iteration each network is from.
+    pub best_iterations: Vec<u32>,
+    /// Why each stopped.
+    pub stops: Vec<String>,
     /// Errors on the training share.
     pub train: ErrorsMessage,
     /// Errors on the validation share.

@@ -141,23 +141,25 @@ pub struct StudyView {
     pub optimisations: Vec<OptimumView>,
 }
 
-/// Training without the weights. `GET /v1/studies/{study}/surrogate`
+/// Training without the weights, also while it runs. `GET /v1/studies/{study}/surrogate`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SurrogateView {
-    /// Training curve.
+    /// Training curves, one network after the other; while it trains, as far as it is.
     pub curve: Vec<EpochMessage>,
-    /// Iteration the network is from.
-    pub best_iteration: u32,
-    /// Why it stopped.
-    pub stopped: String,
-    /// Neurons.
+    /// Iteration each finished network is from.
+    #[serde(default)]
+    pub best_iterations: Vec<u32>,
+    /// Why each finished network stopped.
+    #[serde(default)]
+    pub stops: Vec<String>,
+    /// Neurons of each network.
     pub neurons: u32,
-    /// Errors on the training share.
-    pub train: ErrorsMessage,
-    /// Errors on the validation share.
-    pub validation: ErrorsMessage,
-    /// Errors on the test share.
-    pub test: ErrorsMessage,
+    /// Errors on the training share, once it is done.
+    pub train: Option<ErrorsMessage>,
+    /// Errors on the validation share, once it is done.
+    pub validation: Option<ErrorsMessage>,
+    /// Errors on the test share, once it is done.
+    pub test: Option<ErrorsMessage>,
 }
 
 /// Ask the network. `POST /v1/studies/{study}/surrogate/predictions`

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::ids::{JobId, StudyId, WorkerId};
-use crate::task::{JobKind, JobResult, Progress, Provenance};
+use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
 pub const PROTOCOL_VERSION: u32 = 1;
@@ -98,6 +98,9 @@ pub struct Renewal {
     /// How far it is.
     #[serde(default)]
     pub progress: Option<Progress>,
+    /// Where it could be taken up again, if that has changed.
+    #[serde(default)]
+    pub checkpoint: Option<Checkpoint>,
 }
 
 /// The coordinator's answer.

@@ -7,7 +7,7 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::ResolvedStudy;
 use manduca_protocol::study::{ModelKind, StudySpec};
 use manduca_protocol::task::{
-    BoundsMessage, JobKind, NetworkMessage, OptimiseTask, SimulateTask, Task, TrainSample, TrainTask,
+    JobKind, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
 };
 use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
@@ -64,22 +64,29 @@ pub(crate) fn verify_task(spec: &StudySpec, ordinal: u32, parameters: ParameterV
     SimulateTask { model, parameters }
 }
 
-/// The training on a study's samples.
-pub(crate) fn train_task(spec: &StudySpec, study: &ResolvedStudy, dataset: Vec<TrainSample>) -> Task {
+/// The training on a study's samples, from where an earlier attempt stood.
+pub(crate) fn train_task(
+    spec: &StudySpec,
+    study: &ResolvedStudy,
+    dataset: Vec<TrainSample>,
+    checkpoint: Option<Box<TrainCheckpoint>>,
+) -> Task {
     Task::Train(TrainTask {
         surrogate: spec.surrogate.clone(),
         seed: spec.seed,
-        bounds: BoundsMessage { lower: study.bounds.lower, upper: study.bounds.upper },
+        bounds: (&study.bounds).into(),
         dataset,
+        model: spec.model.clone(),
+        checkpoint,
     })
 }
 
-/// One of a study's optimisations on its network.
+/// One of a study's optimisations on its surrogate.
 pub(crate) fn optimise_task(
     spec: &StudySpec,
     study: &ResolvedStudy,
     ordinal: u32,
-    network: NetworkMessage,
+    surrogate: SurrogateMessage,
 ) -> Result<Task, StoreError> {
     let (Some(optimisation), Some(resolved)) =
         (spec.optimisations.get(ordinal as usize), study.optimisations.get(ordinal as usize))
@@ -88,9 +95,9 @@ pub(crate) fn optimise_task(
     };
     Ok(Task::Optimise(OptimiseTask {
         model: spec.model.clone(),
-        bounds: BoundsMessage { lower: resolved.bounds.lower, upper: resolved.bounds.upper },
+        bounds: (&resolved.bounds).into(),
         optimisation: optimisation.clone(),
         seed: spec.seed,
-        network,
+        surrogate,
     }))
 }

@@ -1,10 +1,9 @@
 //! Results are checked, serialised and compressed before they queue for the
 //! writer, whose time all workers share.
 
-use manduca_numerics::parameters::Bounds;
 use manduca_numerics::simulation::SOLVER_VERSION;
-use manduca_numerics::surrogate::Network;
-use manduca_protocol::task::{JobKind, JobResult, NetworkMessage, SimulateOutcome, TrainResult};
+use manduca_protocol::network;
+use manduca_protocol::task::{JobKind, JobResult, SimulateOutcome, TrainCheckpoint, TrainResult};
 use manduca_protocol::view::SurrogateView;
 use manduca_protocol::worker::Completion;
 
@@ -56,38 +55,33 @@ fn outcome(result: &JobResult) -> Outcome {
             SimulateOutcome::Ok { .. } => Outcome::Succeeded,
             SimulateOutcome::Infeasible { reason } => Outcome::Infeasible(reason.clone()),
         },
-        JobResult::Train(r) => match network(&r.network) {
+        JobResult::Train(r) => match network::surrogate(&r.surrogate) {
             Ok(_) => Outcome::Succeeded,
-            Err(why) => Outcome::Unusable(format!("not a network: {why}")),
+            Err(why) => Outcome::Unusable(format!("not a surrogate: {why}")),
         },
         JobResult::Optimise(_) => Outcome::Succeeded,
     }
 }
 
-/// The network of a message.
-///
-/// # Errors
-/// A sentence, when its arrays do not fit together.
-pub(crate) fn network(message: &NetworkMessage) -> Result<Network, String> {
-    Network::new_checked(
-        Bounds { lower: message.bounds.lower, upper: message.bounds.upper },
-        message.hidden_weights.clone(),
-        message.hidden_biases.clone(),
-        message.output_weights.clone(),
-        message.output_biases,
-    )
-    .map_err(|e| e.to_string())
-}
-
 /// A training without its weights.
 fn summary(result: TrainResult) -> SurrogateView {
+    let neurons = result.surrogate.networks.first().map_or(0, |n| n.hidden_biases.len());
     SurrogateView {
-        neurons: u32::try_from(result.network.hidden_biases.len()).unwrap_or(u32::MAX),
+        neurons: u32::try_from(neurons).unwrap_or(u32::MAX),
         curve: result.curve,
-        best_iteration: result.best_iteration,
-        stopped: result.stopped,
-        train: result.train,
-        validation: result.validation,
-        test: result.test,
+        best_iterations: result.best_iterations,
+        stops: result.stops,
+        train: Some(result.train),
+        validation: Some(result.validation),
+        test: Some(result.test),
     }
+}
+
+/// A training which is under way, without its weights.
+pub(crate) fn running(at: TrainCheckpoint) -> SurrogateView {
+    let neurons = u32::try_from(at.network.hidden_biases.len()).unwrap_or(u32::MAX);
+    let best_iterations = at.members.iter().map(|m| m.best_iteration).collect();
+    let stops = at.members.iter().map(|m| m.stopped.clone()).collect();
+    let curve = at.members.into_iter().flat_map(|m| m.curve).chain(at.curve).collect();
+    SurrogateView { neurons, curve, best_iterations, stops, train: None, validation: None, test: None }
 }

@@ -3,14 +3,14 @@
 use std::time::Duration;
 
 use manduca_protocol::ids::JobId;
-use manduca_protocol::task::{JobKind, Progress, Task};
+use manduca_protocol::task::{JobKind, Task};
 use manduca_protocol::worker::Lease;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use crate::backoff::Backoff;
 use crate::http::{self, Http};
-use crate::slot::{Outcome, Slot};
+use crate::slot::{News, Outcome, Slot};
 
 /// Longest time a large task may take to arrive.
 const FETCH: Duration = Duration::from_secs(300);
@@ -31,7 +31,7 @@ pub(crate) async fn work(
     mut slot: Slot,
     lease: Lease,
     http: Http,
-    progress: watch::Sender<Option<Progress>>,
+    news: watch::Sender<News>,
     stop: CancellationToken,
 ) -> Finished {
     let Lease { job, attempt, kind, run_limit_s, task, .. } = lease;
@@ -44,7 +44,7 @@ pub(crate) async fn work(
     };
     let limit = Duration::try_from_secs_f64(run_limit_s.min(LONGEST_RUN)).unwrap_or_default();
     let outcome = match task {
-        Ok(task) => slot.run(&task, limit, &progress, &stop).await,
+        Ok(task) => slot.run(&task, limit, &news, &stop).await,
         Err(outcome) => outcome,
     };
     Finished { job, attempt, kind, slot, outcome }

@@ -1,8 +1,9 @@
 //! Cholesky factorisation whose bits do not depend on the number of threads.
 //!
-//! Left-looking by panels of [`TILE`] columns. Each tile is updated by one
+//! Left-looking by panels of [`WIDTH`] columns. Each tile is updated by one
 //! sequential product over all columns to its left, so its sum has one order;
-//! rayon only decides which thread forms it.
+//! rayon only decides which thread forms it. Products run along rows: a matrix
+//! whose rows are contiguous is factored half as fast again as one whose columns are.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
@@ -12,8 +13,10 @@ use faer::prelude::{MatMut, MatRef, Reborrow, ReborrowMut};
 use faer::{Accum, Par, Spec};
 use rayon::prelude::*;
 
-/// Rows and columns of a tile.
-const TILE: usize = 256;
+/// Columns of a panel.
+const WIDTH: usize = 128;
+/// Rows of a tile.
+const TILE: usize = 512;
 
 /// The matrix is not positive definite to working precision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,11 +28,11 @@ pub(crate) struct NotPositive;
 pub(crate) fn factorise(a: MatMut<'_, f64>) -> Result<(), NotPositive> {
     let n = a.nrows();
     let params = Spec::default();
-    let need = factor::cholesky_in_place_scratch::<f64>(TILE, Par::Seq, params);
+    let need = factor::cholesky_in_place_scratch::<f64>(WIDTH, Par::Seq, params);
     let mut memory = MemBuffer::new(need);
     let mut a = a;
-    for k in (0..n).step_by(TILE) {
-        let width = TILE.min(n - k);
+    for k in (0..n).step_by(WIDTH) {
+        let width = WIDTH.min(n - k);
         let (left, right) = a.rb_mut().split_at_col_mut(k);
         let left = left.rb().subrows(k, n - k);
         let mut panel = right.subcols_mut(0, width).subrows_mut(k, n - k);

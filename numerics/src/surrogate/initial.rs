@@ -39,6 +39,12 @@ pub(crate) fn split(count: usize, train_share: f64, validation_share: f64, seed:
     }
 }
 
+/// Seed of the first weights of network `index` of an ensemble.
+pub(crate) fn member_seed(seed: u64, index: usize) -> u64 {
+    // 2^64 over the golden ratio: neighbouring seeds have no member in common.
+    seed.wrapping_add((index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+}
+
 /// The first weights by the rule of Nguyen & Widrow 1990.
 ///
 /// Each neuron gets a random direction of length 1.4 h^(1/n), n the number of

@@ -6,6 +6,8 @@ use super::Network;
 const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e10;
 const LEAST_DAMPING: f64 = 1e-20;
+/// What the first refused step multiplies the damping by.
+const FIRST_GROWTH: f64 = 2.0;
 
 /// A change of every weight, in the layout of [`Network`].
 #[derive(Debug, Clone)]
@@ -20,7 +22,7 @@ pub(crate) struct Change {
 
 impl Change {
     /// The network after the change, or nothing where a weight is not finite.
-    fn apply(&self, net: &Network) -> Option<Network> {
+    pub(crate) fn apply(&self, net: &Network) -> Option<Network> {
         let mut next = net.clone();
         let add = |to: &mut [f64], by: &[f64]| {
             for (to, by) in to.iter_mut().zip(by) {
@@ -40,21 +42,27 @@ impl Change {
 
 /// A least-squares problem linearised about a network.
 pub(crate) trait Model {
-    /// Linearises; returns the norm of the gradient of half the sum of squares.
+    /// Completes a network which has moved, and returns twice what is to be made small
+    /// there: the weighted sum of squares, and what a method adds to it. Nothing where
+    /// it cannot be completed.
+    fn objective(&mut self, net: &mut Network) -> Option<f64>;
+    /// Linearises; returns the norm of the gradient of half the objective.
     fn linearise(&mut self, net: &Network) -> f64;
-    /// Solves `(J'J + damping I) change = -J'e`; nothing if that is singular.
+    /// The step for a damping; nothing if its equations are singular.
     fn step(&mut self, damping: f64) -> Option<Change>;
 }
 
 /// The state between iterations.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Levenberg {
     /// Where the iteration stands.
     pub(crate) network: Network,
-    /// Sum of squared residuals there.
-    pub(crate) squares: f64,
+    /// The objective there.
+    pub(crate) objective: f64,
     /// Damping of the next step.
     pub(crate) damping: f64,
-    growth: f64,
+    /// What the damping is multiplied by when the next step is refused.
+    pub(crate) growth: f64,
 }
 
 /// What one iteration did.
@@ -69,9 +77,10 @@ pub(crate) enum Outcome {
 }
 
 impl Levenberg {
-    /// Starts at a network with this sum of squares.
-    pub(crate) fn new(network: Network, squares: f64) -> Self {
-        Self { network, squares, damping: FIRST_DAMPING, growth: 2.0 }
+    /// Starts at a network, completed by the model.
+    pub(crate) fn new(mut network: Network, model: &mut dyn Model) -> Self {
+        let objective = model.objective(&mut network).unwrap_or(f64::INFINITY);
+        Self { network, objective, damping: FIRST_DAMPING, growth: FIRST_GROWTH }
     }
 
     /// One iteration: linearise, then try dampings until a step improves.
@@ -80,28 +89,23 @@ impl Levenberg {
     /// kept the share rho of its promise, mu *= max(1/3, 1 - (2 rho - 1)^3);
     /// after a refused one mu *= 2, then 4, 8... Against `trainlm`'s tenfold
     /// jumps it avoids the cycle of one refused factorisation per iteration.
-    pub(crate) fn iterate(
-        &mut self,
-        model: &mut dyn Model,
-        least_gradient: f64,
-        squares: &mut dyn FnMut(&Network) -> f64,
-    ) -> Outcome {
+    pub(crate) fn iterate(&mut self, model: &mut dyn Model, least_gradient: f64) -> Outcome {
         if model.linearise(&self.network) < least_gradient {
             return Outcome::Flat;
         }
         while self.damping <= MOST_DAMPING {
             if let Some(change) = model.step(self.damping)
-                && let Some(next) = change.apply(&self.network)
+                && let Some(mut next) = change.apply(&self.network)
+                && let Some(found) = model.objective(&mut next)
             {
-                let found = squares(&next);
-                let fall = 0.5 * (self.squares - found);
+                let fall = 0.5 * (self.objective - found);
                 // Written so that NaN refuses the step.
                 if fall > 0.0 {
                     let kept = 2.0 * (fall / change.predicted).clamp(0.0, 1.0) - 1.0;
                     let factor = (1.0 - kept * kept * kept).max(1.0 / 3.0);
                     self.damping = (self.damping * factor).max(LEAST_DAMPING);
-                    self.growth = 2.0;
-                    (self.network, self.squares) = (next, found);
+                    self.growth = FIRST_GROWTH;
+                    (self.network, self.objective) = (next, found);
                     return Outcome::Moved;
                 }
             }

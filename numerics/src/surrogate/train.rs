@@ -1,49 +1,25 @@
 //! Training with early stopping.
 
+use super::errors::{Errors, errors};
+use super::features::{Frame, Part};
 use super::initial::{self, Split};
 use super::kernel::scaled;
-use super::levenberg::{Levenberg, Outcome};
-use super::network::bad_bounds;
-use super::normal::{Data, Normal};
-use super::{Network, Sample};
-use crate::parameters::{Bounds, COUNT, OUTPUTS, Point};
+use super::levenberg::{Levenberg, Model, Outcome};
+use super::normal::Normal;
+use super::products::Data;
+use super::projection::Projection;
+use super::settings::{Method, TrainError, TrainSettings, check_checkpoint, checked_split};
+use super::{Network, Sample, Surrogate};
+use crate::insect::Insect;
+use crate::parameters::{Bounds, COUNT, Point};
 use std::ops::ControlFlow;
-
-/// Most neurons accepted: 2000 already need 5 GiB of memory.
-const MOST_NEURONS: usize = 2000;
-
-/// Fewest samples in each part of the split.
-const FEWEST: usize = 2;
 
 /// Stop when the gradient of the mean squared error is below (`trainlm`: min_grad).
 const LEAST_GRADIENT: f64 = 1e-7;
 
-/// How to train.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TrainSettings {
-    /// Hidden neurons.
-    pub neurons: usize,
-    /// Most iterations.
-    pub max_iterations: usize,
-    /// Iterations in a row without a better validation error before stopping.
-    pub patience: usize,
-    /// Share of the samples the weights are fitted to, 0 to 1.
-    pub train_share: f64,
-    /// Share of the samples which say when to stop, 0 to 1; the rest is for testing.
-    pub validation_share: f64,
-    /// Seed of the split and of the first weights.
-    pub seed: u64,
-}
-
-impl Default for TrainSettings {
-    /// 10-500-4 and 80/10/10 as in the paper; patience as MATLAB's `max_fail`.
-    fn default() -> Self {
-        Self { neurons: 500, max_iterations: 200, patience: 6, train_share: 0.8, validation_share: 0.1, seed: 0 }
-    }
-}
-
-/// Where training stood after an iteration; errors are means over samples and
-/// outputs of the squared residual of the scaled values.
+/// Where training stood after an iteration; errors are means over samples and outputs
+/// of the squared residual of what the network learns (scaled outputs; with physical
+/// features, at the reference frequency).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
     /// Iterations done; 0 is the start.
@@ -56,17 +32,6 @@ pub struct Epoch {
     pub test_mse: f64,
     /// Damping mu which the next step will try first.
     pub damping: f64,
-}
-
-/// How a network errs on some samples, per output.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Errors {
-    /// Root of the mean squared error, scaled units.
-    pub rmse: [f64; 4],
-    /// Pearson correlation of prediction and target; 0 where either is constant.
-    pub correlation: [f64; 4],
-    /// How many samples.
-    pub count: usize,
 }
 
 /// Why training ended.
@@ -84,9 +49,9 @@ pub enum Stop {
     Interrupted,
 }
 
-/// A trained network and how it came about.
+/// One network of an ensemble, trained.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Training {
+pub struct Member {
     /// The network with the smallest validation error met.
     pub network: Network,
     /// One entry per iteration, the start first.
@@ -95,94 +60,122 @@ pub struct Training {
     pub best_iteration: usize,
     /// Why training ended.
     pub stopped: Stop,
-    /// Errors of `network` on the training samples.
+}
+
+/// A training after some iteration: with samples and settings, all there is to know of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// Networks which are done.
+    pub members: Vec<Member>,
+    /// Where the present one stands.
+    pub network: Network,
+    /// What the method makes small, there.
+    pub objective: f64,
+    /// Damping mu which the next step will try first.
+    pub damping: f64,
+    /// What the damping is multiplied by when that step is refused.
+    pub growth: f64,
+    /// The iterations of the present network so far, the start first.
+    pub curve: Vec<Epoch>,
+    /// The present network's best state.
+    pub best: Network,
+}
+
+/// A trained surrogate and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Training {
+    /// What predicts.
+    pub surrogate: Surrogate,
+    /// Its networks.
+    pub members: Vec<Member>,
+    /// Errors on the training samples.
     pub train: Errors,
-    /// Errors of `network` on the validation samples.
+    /// Errors on the validation samples.
     pub validation: Errors,
-    /// Errors of `network` on the test samples.
+    /// Errors on the test samples.
     pub test: Errors,
     /// Which sample served for what.
     pub split: Split,
 }
 
-/// Why there is nothing to train.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum TrainError {
-    /// A part of the split would hold too few samples.
-    #[error("{samples} samples leave only {found} for {part}; at least {FEWEST} are needed")]
-    TooFewSamples {
-        /// How many samples were given.
-        samples: usize,
-        /// Which part is too small.
-        part: &'static str,
-        /// How many it would hold.
-        found: usize,
-    },
-    /// A sample holds NaN, infinity or a number too large to square.
-    #[error("sample {index} holds a number which is not finite")]
-    NotFinite {
-        /// Place of the sample.
-        index: usize,
-    },
-    /// An output is the same in every training sample, so there is nothing to learn.
-    #[error("output {output} is the same in every training sample")]
-    ConstantOutput {
-        /// Name of the output.
-        output: &'static str,
-    },
-    /// The shares are not fractions which leave something for testing.
-    #[error("shares must be above 0 and below 1 together; got {train} and {validation}")]
-    Shares {
-        /// Share for training.
-        train: f64,
-        /// Share for validation.
-        validation: f64,
-    },
-    /// The number of neurons is out of range.
-    #[error("{neurons} neurons; 1 to {MOST_NEURONS} are possible")]
-    Neurons {
-        /// How many were asked for.
-        neurons: usize,
-    },
-    /// The bounds are not finite and in order.
-    #[error("bounds of parameter {index} are not finite and in order")]
-    Bounds {
-        /// Place in the parameter table.
-        index: usize,
-    },
-    /// Every parameter is held, so there is nothing to vary.
-    #[error("every parameter is held")]
-    NothingFree,
+/// What is trained on: samples and where they are from.
+#[derive(Debug, Clone, Copy)]
+pub struct Dataset<'a> {
+    /// The samples.
+    pub samples: &'a [Sample],
+    /// The box they were drawn from.
+    pub bounds: &'a Bounds,
+    /// Whose strokes they are.
+    pub insect: &'a Insect,
 }
 
-/// Trains a network on samples by Levenberg-Marquardt with early stopping.
+/// Trains a surrogate on samples with early stopping, from the start or from a checkpoint.
 ///
 /// The weights fit the training part; after every iteration the validation part
 /// judges, and the network with its smallest error is what comes back. The
-/// observer sees each iteration, the start included, and may stop the training.
-/// The result depends on the samples and the settings alone, not on threads.
+/// observer sees each iteration, the start included (or the checkpoint's), and may
+/// stop the training. The result depends on the samples and the settings alone, not
+/// on threads, and not on how often it was interrupted.
 ///
 /// # Errors
 /// When there is nothing sound to train on; see [`TrainError`].
 pub fn train(
-    samples: &[Sample],
-    bounds: &Bounds,
+    data: &Dataset<'_>,
     settings: &TrainSettings,
-    observe: &mut dyn FnMut(&Epoch) -> ControlFlow<()>,
+    start: Option<Checkpoint>,
+    observe: &mut dyn FnMut(&Checkpoint) -> ControlFlow<()>,
 ) -> Result<Training, TrainError> {
-    let split = checked_split(samples, bounds, settings)?;
-    let means = means(samples, &split.train)?;
-    let parts = [&split.train, &split.validation, &split.test].map(|p| Part::new(samples, p));
-    let free: Vec<usize> = (0..COUNT).filter(|&i| !bounds.is_held(i)).collect();
-    let rows: Vec<Point> = parts[0].xs.iter().map(|x| scaled(bounds, x)).collect();
-    let inputs = free.iter().map(|&i| rows.iter().map(|z| z[i]).collect()).collect();
-    let mut model = Normal::new(Data { free, inputs, targets: parts[0].ys.clone() }, settings.neurons);
+    let split = checked_split(data.samples, data.bounds, settings)?;
+    let frame = Frame::new(settings.features, data.insect, data.bounds);
+    let inside = frame.bounds(data.bounds);
+    let parts = [&split.train, &split.validation, &split.test].map(|p| frame.part(data.samples, p));
+    let means = parts[0].means()?;
+    let mut model = model(&parts[0], &inside, settings)?;
+    let first = |seed| initial::nguyen_widrow(&inside, settings.neurons, means, seed);
+    let mut at = match start {
+        Some(checkpoint) => {
+            check_checkpoint(&checkpoint, &inside, settings)?;
+            checkpoint
+        }
+        None => begin(first(settings.seed), model.as_mut(), &parts, Vec::new()),
+    };
+    loop {
+        let stopped = descend(&mut at, model.as_mut(), &parts, settings, observe);
+        let best_iteration = best(&at.curve);
+        at.members.push(Member { network: at.best, curve: at.curve, best_iteration, stopped });
+        let done = at.members.len();
+        if done == settings.ensemble || stopped == Stop::Interrupted {
+            break;
+        }
+        at = begin(first(initial::member_seed(settings.seed, done)), model.as_mut(), &parts, at.members);
+    }
+    finish(at.members, frame, split, data.samples)
+}
 
-    let start = initial::nguyen_widrow(bounds, settings.neurons, means, settings.seed);
-    let (curve, network, stopped) = descend(start, &mut model, &parts, settings, observe);
-    let best_iteration = best(&curve);
-    let [train, validation, test] = parts.map(|p| errors_of(&p.predict(&network), &p.ys));
-    Ok(Training { network, curve, best_iteration, stopped, train, validation, test, split })
+fn finish(members: Vec<Member>, frame: Frame, split: Split, samples: &[Sample]) -> Result<Training, TrainError> {
+    let networks = members.iter().map(|m| m.network.clone()).collect();
+    let surrogate = Surrogate::new(frame, networks).map_err(|_| TrainError::Checkpoint("its networks do not fit"))?;
+    let of = |indices: &[usize]| {
+        let samples: Vec<Sample> = indices.iter().map(|&i| samples[i]).collect();
+        errors(&surrogate, &samples)
+    };
+    let (train, validation, test) = (of(&split.train), of(&split.validation), of(&split.test));
+    Ok(Training { surrogate, members, train, validation, test, split })
+}
+
+/// The least-squares problem of a training part.
+fn model(part: &Part, inside: &Bounds, settings: &TrainSettings) -> Result<Box<dyn Model>, TrainError> {
+    let free: Vec<usize> = (0..COUNT).filter(|&i| !inside.is_held(i)).collect();
+    if free.is_empty() {
+        return Err(TrainError::NothingFree);
+    }
+    let rows: Vec<Point> = part.xs.iter().map(|x| scaled(inside, x)).collect();
+    let inputs = free.iter().map(|&i| rows.iter().map(|z| z[i]).collect()).collect();
+    let data = Data { free, inputs, points: part.xs.clone(), targets: part.ys.clone(), weights: part.weights.clone() };
+    Ok(match settings.method {
+        Method::VariableProjection => Box::new(Projection::new(data, settings.neurons)),
+        Method::LevenbergMarquardt => Box::new(Normal::new(data, settings.neurons)),
+    })
 }
 
 /// The iteration with the smallest validation error, the first of equals.
@@ -196,156 +189,55 @@ fn best(curve: &[Epoch]) -> usize {
     best
 }
 
-/// Iterates until a reason to stop; returns the curve and the best network.
+/// Iteration 0 of a network.
+fn begin(network: Network, model: &mut dyn Model, parts: &[Part; 3], members: Vec<Member>) -> Checkpoint {
+    let Levenberg { network, objective, damping, growth } = Levenberg::new(network, model);
+    let best = network.clone();
+    let mut at = Checkpoint { members, network, objective, damping, growth, curve: Vec::new(), best };
+    judge(&mut at, parts);
+    at
+}
+
+/// Notes the errors where the training stands.
+fn judge(at: &mut Checkpoint, parts: &[Part; 3]) {
+    let [train_mse, validation_mse, test_mse] = parts.each_ref().map(|p| p.mse(&at.network));
+    let before = at.curve.get(best(&at.curve)).map_or(f64::INFINITY, |e| e.validation_mse);
+    at.curve.push(Epoch { iteration: at.curve.len(), train_mse, validation_mse, test_mse, damping: at.damping });
+    if validation_mse < before {
+        at.best.clone_from(&at.network);
+    }
+}
+
+/// Iterates until a reason to stop.
 fn descend(
-    start: Network,
-    model: &mut Normal,
+    at: &mut Checkpoint,
+    model: &mut dyn Model,
     parts: &[Part; 3],
     settings: &TrainSettings,
-    observe: &mut dyn FnMut(&Epoch) -> ControlFlow<()>,
-) -> (Vec<Epoch>, Network, Stop) {
-    let scale = (4 * parts[0].ys.len()) as f64;
-    let mut best_network = start.clone();
-    let squares = parts[0].squares(&start);
-    let mut state = Levenberg::new(start, squares);
-    let mut curve: Vec<Epoch> = Vec::new();
-    let (mut best, mut failures) = (f64::INFINITY, 0);
+    observe: &mut dyn FnMut(&Checkpoint) -> ControlFlow<()>,
+) -> Stop {
+    // The gradient of the mean is 2 / (4 N) times that of half the sum.
+    let least = LEAST_GRADIENT * (4 * parts[0].ys.len()) as f64 / 2.0;
     loop {
-        let epoch = Epoch {
-            iteration: curve.len(),
-            train_mse: state.squares / scale,
-            validation_mse: parts[1].mse(&state.network),
-            test_mse: parts[2].mse(&state.network),
-            damping: state.damping,
-        };
-        curve.push(epoch);
-        if epoch.validation_mse < best {
-            (best, failures) = (epoch.validation_mse, 0);
-            best_network.clone_from(&state.network);
-        } else {
-            failures += 1;
+        if observe(at).is_break() {
+            return Stop::Interrupted;
         }
-        let stop = if observe(&epoch).is_break() {
-            Some(Stop::Interrupted)
-        } else if failures > 0 && failures >= settings.patience {
-            Some(Stop::Validation)
-        } else if epoch.iteration >= settings.max_iterations {
-            Some(Stop::MaxIterations)
-        } else {
-            // The gradient of the mean is 2 / (4 N) times that of half the sum.
-            let least = LEAST_GRADIENT * scale / 2.0;
-            match state.iterate(model, least, &mut |net| parts[0].squares(net)) {
-                Outcome::Moved => None,
-                Outcome::Flat => Some(Stop::Gradient),
-                Outcome::Stuck => Some(Stop::Damping),
-            }
-        };
-        if let Some(stop) = stop {
-            return (curve, best_network, stop);
+        let iteration = at.curve.len() - 1;
+        let failures = iteration - best(&at.curve);
+        if failures > 0 && failures >= settings.patience {
+            return Stop::Validation;
+        }
+        if iteration >= settings.max_iterations {
+            return Stop::MaxIterations;
+        }
+        let (network, objective) = (at.network.clone(), at.objective);
+        let mut state = Levenberg { network, objective, damping: at.damping, growth: at.growth };
+        let outcome = state.iterate(model, least);
+        Levenberg { network: at.network, objective: at.objective, damping: at.damping, growth: at.growth } = state;
+        match outcome {
+            Outcome::Moved => judge(at, parts),
+            Outcome::Flat => return Stop::Gradient,
+            Outcome::Stuck => return Stop::Damping,
         }
     }
-}
-
-/// One part of the split, copied together.
-struct Part {
-    xs: Vec<Point>,
-    ys: Vec<[f64; 4]>,
-}
-
-impl Part {
-    fn new(samples: &[Sample], indices: &[usize]) -> Self {
-        Self {
-            xs: indices.iter().map(|&i| samples[i].x).collect(),
-            ys: indices.iter().map(|&i| samples[i].y).collect(),
-        }
-    }
-
-    fn predict(&self, net: &Network) -> Vec<[f64; 4]> {
-        let mut out = vec![[0.0; 4]; self.xs.len()];
-        net.predict_into(&self.xs, &mut out);
-        out
-    }
-
-    /// Sum over samples and outputs of the squared residual, in sample order.
-    fn squares(&self, net: &Network) -> f64 {
-        let found = self.predict(net);
-        let residuals = found.iter().flatten().zip(self.ys.iter().flatten());
-        residuals.map(|(f, y)| (f - y) * (f - y)).sum()
-    }
-
-    fn mse(&self, net: &Network) -> f64 {
-        self.squares(net) / (4 * self.ys.len()) as f64
-    }
-}
-
-/// Checks everything training relies on and splits the samples.
-fn checked_split(samples: &[Sample], bounds: &Bounds, settings: &TrainSettings) -> Result<Split, TrainError> {
-    if let Some(index) = bad_bounds(bounds) {
-        return Err(TrainError::Bounds { index });
-    }
-    if (0..COUNT).all(|i| bounds.is_held(i)) {
-        return Err(TrainError::NothingFree);
-    }
-    if !(1..=MOST_NEURONS).contains(&settings.neurons) {
-        return Err(TrainError::Neurons { neurons: settings.neurons });
-    }
-    let (train, validation) = (settings.train_share, settings.validation_share);
-    if !(train > 0.0 && validation > 0.0 && train + validation < 1.0) {
-        return Err(TrainError::Shares { train, validation });
-    }
-    let sound = |v: &f64| v.is_finite() && v.abs() < 1e100;
-    if let Some(index) = samples.iter().position(|s| !s.x.iter().chain(&s.y).all(sound)) {
-        return Err(TrainError::NotFinite { index });
-    }
-    let split = initial::split(samples.len(), train, validation, settings.seed);
-    let parts = [("training", &split.train), ("validation", &split.validation), ("testing", &split.test)];
-    for (part, indices) in parts {
-        if indices.len() < FEWEST {
-            let found = indices.len();
-            return Err(TrainError::TooFewSamples { samples: samples.len(), part, found });
-        }
-    }
-    Ok(split)
-}
-
-/// Mean of each output over the training samples, refusing constant ones.
-fn means(samples: &[Sample], train: &[usize]) -> Result<[f64; 4], TrainError> {
-    let mut means = [0.0; 4];
-    for (k, mean) in means.iter_mut().enumerate() {
-        let first = samples[train[0]].y[k];
-        if train.iter().all(|&i| samples[i].y[k] == first) {
-            return Err(TrainError::ConstantOutput { output: OUTPUTS[k].0 });
-        }
-        *mean = train.iter().map(|&i| samples[i].y[k]).sum::<f64>() / train.len() as f64;
-    }
-    Ok(means)
-}
-
-/// Errors of a network on samples it may never have seen.
-pub fn errors(network: &Network, samples: &[Sample]) -> Errors {
-    let all: Vec<usize> = (0..samples.len()).collect();
-    let part = Part::new(samples, &all);
-    errors_of(&part.predict(network), &part.ys)
-}
-
-fn errors_of(found: &[[f64; 4]], targets: &[[f64; 4]]) -> Errors {
-    let n = found.len().max(1) as f64;
-    let mut errors = Errors { rmse: [0.0; 4], correlation: [0.0; 4], count: found.len() };
-    for k in 0..4 {
-        let (mut f_mean, mut t_mean) = (0.0, 0.0);
-        for (f, t) in found.iter().zip(targets) {
-            f_mean += f[k] / n;
-            t_mean += t[k] / n;
-        }
-        let [mut squares, mut ff, mut tt, mut ft] = [0.0; 4];
-        for (f, t) in found.iter().zip(targets) {
-            let (a, b) = (f[k] - f_mean, t[k] - t_mean);
-            squares += (f[k] - t[k]) * (f[k] - t[k]);
-            (ff, tt, ft) = (a.mul_add(a, ff), b.mul_add(b, tt), a.mul_add(b, ft));
-        }
-        errors.rmse[k] = (squares / n).sqrt();
-        let spread = ff.sqrt() * tt.sqrt();
-        errors.correlation[k] = if spread > 0.0 { (ft / spread).clamp(-1.0, 1.0) } else { 0.0 };
-    }
-    errors
 }

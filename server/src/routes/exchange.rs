@@ -9,7 +9,7 @@ use axum::extract::State;
 use manduca_protocol::ids::{StudyId, WorkerId};
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::study::StudySpec;
-use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Lease, MAX_BATCH, MAX_WAIT_S};
+use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Lease, MAX_BATCH, MAX_WAIT_S, Renewal};
 use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -20,7 +20,7 @@ use crate::http::body::JsonBody;
 use crate::http::parts::Id;
 use crate::prepare::prepare;
 use crate::state::AppState;
-use crate::store::{Exchange, Exchanged, Leased, Prepared, StoreError};
+use crate::store::{Exchange, Exchanged, Leased, Prepared, PreparedRenewal, StoreError};
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(exchange))
@@ -47,13 +47,13 @@ async fn exchange(
     check(&request)?;
     let (want, wait) = (request.want, Duration::from_secs_f64(request.wait_s.min(MAX_WAIT_S)));
     let until = Instant::now() + wait;
-    let complete = prepare_all(request.complete).await?;
+    let (complete, renew) = prepare_all(request.complete, request.renew).await?;
     // Listening starts before looking: a job which becomes ready in between is not missed.
     let mut notified = Box::pin(state.ready().notified());
     notified.as_mut().enable();
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
-    let first = Exchange { worker, complete, fail: request.fail, renew: request.renew, want: give(want) };
+    let first = Exchange { worker, complete, fail: request.fail, renew, want: give(want) };
     let mut told = state.store().run(first).await?;
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
@@ -89,13 +89,19 @@ fn check(request: &ExchangeRequest) -> Result<(), ApiError> {
     if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
 }
 
-/// Results are serialised and compressed off the threads which serve.
-async fn prepare_all(completions: Vec<Completion>) -> Result<Vec<Prepared>, ApiError> {
-    if completions.is_empty() {
-        return Ok(Vec::new());
+/// Results and checkpoints are serialised and compressed off the threads which serve.
+async fn prepare_all(
+    completions: Vec<Completion>,
+    renewals: Vec<Renewal>,
+) -> Result<(Vec<Prepared>, Vec<PreparedRenewal>), ApiError> {
+    if completions.is_empty() && renewals.iter().all(|r| r.checkpoint.is_none()) {
+        return Ok((Vec::new(), renewals.into_iter().map(PreparedRenewal::new).collect()));
     }
-    let prepared = tokio::task::spawn_blocking(|| completions.into_iter().map(prepare).collect()).await;
-    prepared.map_err(|e| ApiError::Internal(Box::new(e)))?
+    let prepared = tokio::task::spawn_blocking(|| {
+        let complete = completions.into_iter().map(prepare).collect::<Result<_, _>>()?;
+        Ok((complete, renewals.into_iter().map(PreparedRenewal::new).collect()))
+    });
+    prepared.await.map_err(|e| ApiError::Internal(Box::new(e)))?
 }
 
 fn response(told: Exchanged) -> Result<ExchangeResponse, StoreError> {

@@ -109,12 +109,13 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
         }
         JobRole::Train => {
             let dataset = store.train_samples(row.study).await?;
-            compose::train_task(&row.spec, &resolved(&row.spec)?, dataset)
+            let checkpoint = store.checkpoint_of(row.study).await?;
+            compose::train_task(&row.spec, &resolved(&row.spec)?, dataset, checkpoint)
         }
         JobRole::Optimise => {
             let training = store.training_of(row.study).await?;
             let training = training.ok_or(ApiError::NotYet("the study has no network yet"))?;
-            compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, training.network)?
+            compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, training.surrogate)?
         }
     };
     Ok(Json(task))

@@ -4,16 +4,16 @@ use axum::Json;
 use axum::extract::State;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::resolve;
 use manduca_protocol::task::Scaled;
 use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
+use manduca_protocol::{network, resolve};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
-use crate::prepare::network;
+use crate::prepare::running;
 use crate::state::AppState;
 use crate::store::StoreError;
 
@@ -25,14 +25,18 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(show)).routes(routes!(predict))
 }
 
-/// The training curve and the errors on each share of the samples.
+/// The training curve and the errors on each share of the samples; while it trains, the curve so far.
 #[utoipa::path(get, path = "/v1/studies/{study}/surrogate", tag = "studies", params(("study" = StudyId, Path)), responses(
     (status = 200, body = SurrogateView),
     (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
 async fn show(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<SurrogateView>, ApiError> {
     let study = state.store().study_number(study).await?;
-    state.store().surrogate_of(study).await?.map(Json).ok_or(NOT_YET)
+    if let Some(done) = state.store().surrogate_of(study).await? {
+        return Ok(Json(done));
+    }
+    let under_way = state.store().checkpoint_of(study).await?;
+    under_way.map(|at| Json(running(*at))).ok_or(NOT_YET)
 }
 
 /// What the network predicts for strokes.
@@ -54,9 +58,9 @@ async fn predict(
     check(&request)?;
     let study = state.store().study_number(study).await?;
     let training = state.store().training_of(study).await?.ok_or(NOT_YET)?;
-    let network = network(&training.network).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
+    let surrogate = network::surrogate(&training.surrogate).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
     let predict = |point: &manduca_protocol::point::ParameterValues| {
-        let [lift, drag, pitch_moment, power] = network.predict(&point.0);
+        let [lift, drag, pitch_moment, power] = surrogate.predict(&point.0);
         Scaled { lift, drag, pitch_moment, power }
     };
     Ok(Json(PredictionResponse { predictions: request.points.iter().map(predict).collect() }))

@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 
 use manduca_protocol::ids::{JobId, WorkerId};
-use manduca_protocol::worker::{Failure, Rejected, Renewal};
+use manduca_protocol::worker::{Failure, Rejected};
 
 use super::advance::advance;
+use super::checkpoint::PreparedRenewal;
 use super::claim::{Leased, claim};
 use super::complete::{Prepared, Taken, complete};
 use super::fail::{Reported, fail};
@@ -18,7 +19,7 @@ pub(crate) struct Exchange {
     pub(crate) worker: WorkerId,
     pub(crate) complete: Vec<Prepared>,
     pub(crate) fail: Vec<Failure>,
-    pub(crate) renew: Vec<Renewal>,
+    pub(crate) renew: Vec<PreparedRenewal>,
     pub(crate) want: u32,
 }
 
@@ -49,7 +50,7 @@ impl Operation for Exchange {
         let failed = self.take_failures(work, &mut told, &mut moved).await?;
         for renewal in &self.renew {
             if !renew(work, self.worker, renewal).await? {
-                told.cancel.push(renewal.job);
+                told.cancel.push(renewal.renewal.job);
             }
         }
         if completed + failed > 0 {

@@ -4,7 +4,7 @@
 mod add;
 mod advance;
 mod body;
-
+mod checkpoint;
 mod claim;
 mod complete;
 mod control;
@@ -39,6 +39,7 @@ use crate::event::Event;
 
 pub(crate) use add::AddOptimisation;
 pub(crate) use body::pack;
+pub(crate) use checkpoint::PreparedRenewal;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};

@@ -69,7 +69,8 @@ fn train_rows(rows: Vec<SampleRow>) -> Result<Vec<TrainSample>, StoreError> {
         let row = row.parse()?;
         if let SimulateOutcome::Ok { scaled, .. } = row.result.outcome {
             let y = [scaled.lift.mean, scaled.drag.mean, scaled.pitch_moment.mean, scaled.power.mean];
-            samples.push(TrainSample { x: row.parameters.0, y });
+            let se = [scaled.lift.se, scaled.drag.se, scaled.pitch_moment.se, scaled.power.se];
+            samples.push(TrainSample { x: row.parameters.0, y, se });
         }
     }
     Ok(samples)

@@ -81,7 +81,7 @@ impl Store {
             rate_per_s: None,
             eta_s: None,
             stages_s: self.stage_seconds(head.study, now).await?,
-            surrogate: surrogate.map(|s| s.test),
+            surrogate: surrogate.and_then(|s| s.test),
             optimisations: self.optima(&head).await?,
             spec: head.spec,
         })

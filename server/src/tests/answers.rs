@@ -59,13 +59,13 @@ pub(super) fn trained() -> Value {
     let errors = json!({ "rmse": four, "correlation": four, "count": 3 });
     json!({
         "kind": "train",
-        "network": {
+        "surrogate": { "frame": { "features": "paper" }, "networks": [{
             "bounds": { "lower": vec![0.0; 10], "upper": vec![50.0; 10] },
             "hidden_weights": vec![0.1; 20], "hidden_biases": [0.0, 0.1],
             "output_weights": vec![0.2; 8], "output_biases": [0.1, 0.2, 0.3, 0.4]
-        },
+        }] },
         "curve": [{ "iteration": 0, "train_mse": 1.0, "validation_mse": 1.0, "test_mse": 1.0 }],
-        "best_iteration": 0, "stopped": "patience", "train": errors, "validation": errors, "test": errors,
+        "best_iterations": [0], "stops": ["patience"], "train": errors, "validation": errors, "test": errors,
         "solver_version": SOLVER_VERSION
     })
 }

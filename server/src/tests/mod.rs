@@ -4,6 +4,7 @@
 mod add;
 mod answers;
 mod bench;
+mod checkpoints;
 mod dataset;
 mod http;
 mod long_poll;

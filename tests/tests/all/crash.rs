@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 
 use manduca_tests::coordinator::{Coordinator, text};
-use manduca_tests::studies::lattice;
+use manduca_tests::studies::{blades, lattice};
+use manduca_tests::wait_for;
 #[cfg(target_os = "linux")]
 use manduca_tests::{
     process::{kill, runs},
     studies::endless,
-    wait_for,
 };
 use serde_json::{Value, json};
 
@@ -133,6 +133,42 @@ fn what_was_answered_is_kept_by_a_coordinator_killed_again_and_again() {
     coordinator.wait_until_succeeded(&id);
     let again = repeated(&coordinator, &id);
     assert!(again <= 3, "{again} jobs were flown again");
+}
+
+/// A training whose worker dies is taken up where it stood, and ends in the same bits.
+#[test]
+fn a_training_outlives_its_worker() {
+    let mut study = blades("training", 13, 800);
+    study["optimisations"] = json!([]);
+    study["surrogate"] = json!({ "neurons": 60, "max_iterations": 1500, "patience": 1000 });
+    let coordinator = Coordinator::start();
+    let id = coordinator.submit(&study);
+    let mut doomed = coordinator.worker("doomed");
+    let path = format!("/v1/studies/{id}/surrogate");
+    // The curve so far is shown while it trains: it is of the checkpoint.
+    let seen = wait_for("a checkpoint", || {
+        let answer = coordinator.send(coordinator.request("GET", &path));
+        (answer.status == 200).then(|| answer.json())
+    });
+    assert!(seen["test"].is_null() && seen["stops"] == json!([]), "it was done too soon to be killed: {seen}");
+    doomed.kill();
+
+    let job = coordinator.jobs(&id).into_iter().find(|job| job["role"] == "train").unwrap();
+    let task = coordinator.get(&format!("/v1/jobs/{}/task", job["id"]));
+    let (kept, told) = (task["checkpoint"]["curve"].as_array().unwrap(), seen["curve"].as_array().unwrap());
+    assert!(told.len() > 1 && kept.len() >= told.len() && kept[..told.len()] == told[..]);
+
+    let _survivor = coordinator.worker("survivor");
+    coordinator.wait_until_succeeded(&id);
+    assert_eq!(repeated(&coordinator, &id), 1);
+    // Its samples are shared, its training is its own.
+    let calm = coordinator.submit(&study);
+    coordinator.wait_until_succeeded(&calm);
+    assert_eq!(repeated(&coordinator, &calm), 0);
+    let trained = |id: &str| coordinator.get(&format!("/v1/studies/{id}/surrogate"));
+    assert_eq!(trained(&id), trained(&calm));
+    let task = coordinator.get(&format!("/v1/jobs/{}/task", job["id"]));
+    assert!(task["checkpoint"].is_null(), "nobody goes on from a training which has ended");
 }
 
 #[cfg(target_os = "linux")]

@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 
 use manduca_protocol::ids::JobId;
-use manduca_protocol::task::Progress;
 use manduca_protocol::worker::{Failure, Lease, Renewal};
 use tokio::sync::watch;
 use tokio::task::{Id, JoinSet};
@@ -12,14 +11,14 @@ use tokio_util::sync::CancellationToken;
 
 use crate::http::Http;
 use crate::job::{self, Finished};
-use crate::slot::Slot;
+use crate::slot::{News, Slot};
 
 /// A job in a slot.
 struct Entry {
     attempt: u32,
     since: Instant,
     stop: CancellationToken,
-    progress: watch::Receiver<Option<Progress>>,
+    news: watch::Receiver<News>,
     task: Id,
 }
 
@@ -50,10 +49,10 @@ impl Running {
     /// Computes a job. An earlier attempt at it has lost its lease, or this one would not be here.
     pub(super) fn start(&mut self, slot: Slot, lease: Lease, http: Http) {
         let (job, attempt) = (lease.job, lease.attempt);
-        let (sender, progress) = watch::channel(None);
+        let (sender, news) = watch::channel(News::default());
         let stop = CancellationToken::new();
         let task = self.tasks.spawn(job::work(slot, lease, http, sender, stop.clone())).id();
-        let entry = Entry { attempt, since: Instant::now(), stop, progress, task };
+        let entry = Entry { attempt, since: Instant::now(), stop, news, task };
         if let Some(earlier) = self.entries.insert(job, entry) {
             earlier.stop.cancel();
         }
@@ -96,15 +95,19 @@ impl Running {
 
     /// Whether a job has progress not yet reported.
     pub(super) fn has_news(&self) -> bool {
-        self.entries.values().any(|entry| entry.progress.has_changed().unwrap_or(false))
+        self.entries.values().any(|entry| entry.news.has_changed().unwrap_or(false))
     }
 
     /// Renewals of all jobs, or only of those with news.
     pub(super) fn renewals(&mut self, all: bool) -> Vec<Renewal> {
         let renewal = |(&job, entry): (&JobId, &mut Entry)| {
-            let news = entry.progress.has_changed().unwrap_or(false);
-            let progress = entry.progress.borrow_and_update().clone();
-            (all || news).then_some(Renewal { job, attempt: entry.attempt, progress })
+            let changed = entry.news.has_changed().unwrap_or(false);
+            let News { progress, checkpoint } = if changed {
+                entry.news.borrow_and_update().clone()
+            } else {
+                News { progress: entry.news.borrow().progress.clone(), checkpoint: None }
+            };
+            (all || changed).then_some(Renewal { job, attempt: entry.attempt, progress, checkpoint })
         };
         self.entries.iter_mut().filter_map(renewal).collect()
     }

@@ -9,7 +9,7 @@ pub use simulate::{outcome, simulate};
 
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::problem::FieldProblem;
-use manduca_protocol::task::{BoundsMessage, JobResult, Progress, Scaled, Task};
+use manduca_protocol::task::{BoundsMessage, Checkpoint, JobResult, Progress, Scaled, Task};
 
 /// Why a task has no result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -29,15 +29,25 @@ fn list(faults: &[FieldProblem]) -> String {
     faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Computes any task; `report` hears how far it is.
+/// Hears of a task while it is computed.
+pub trait Listener {
+    /// How far it is.
+    fn progress(&mut self, at: Progress);
+    /// Where it could be taken up again; `make` costs something and need not be called.
+    fn checkpoint(&mut self, make: &dyn Fn() -> Checkpoint);
+}
+
+/// Computes any task; `listener` hears how far it is.
 ///
 /// # Errors
 /// When the task is refused, fails, or ends in numbers which are none.
-pub fn run(task: &Task, report: &mut dyn FnMut(Progress)) -> Result<JobResult, ComputeError> {
+pub fn run(task: &Task, listener: &mut dyn Listener) -> Result<JobResult, ComputeError> {
     Ok(match task {
         Task::Simulate(task) => JobResult::Simulate(Box::new(simulate(task)?)),
-        Task::Train(task) => JobResult::Train(Box::new(train::train(task, report)?)),
-        Task::Optimise(task) => JobResult::Optimise(Box::new(optimise::optimise(task, report)?)),
+        Task::Train(task) => JobResult::Train(Box::new(train::train(task, listener)?)),
+        Task::Optimise(task) => {
+            JobResult::Optimise(Box::new(optimise::optimise(task, &mut |at| listener.progress(at))?))
+        }
     })
 }
 

@@ -6,13 +6,13 @@ use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::optimise::sqp::{self, Flight, SqpProgress, SqpSettings};
 use manduca_numerics::optimise::{self, GaStop, Generation, OptimiseError, Optimum, Phase, Problem};
 use manduca_numerics::simulation::SOLVER_VERSION;
-use manduca_numerics::surrogate::Network;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
+use manduca_protocol::network;
 use manduca_protocol::resolve::{self, ResolvedOptimisation};
 use manduca_protocol::study::Method;
 use manduca_protocol::task::{
-    GenerationMessage, LocalOptimum, NetworkMessage, Optimality, OptimiseResult, OptimiseTask, Prices, Progress,
+    GenerationMessage, LocalOptimum, Optimality, OptimiseResult, OptimiseTask, Prices, Progress,
 };
 
 use super::{ComputeError, bounds, finite, scaled};
@@ -25,10 +25,11 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
     let model = resolve::model(&task.model, "/model").map_err(ComputeError::Refused)?;
     let spec = &task.optimisation;
     let how = resolve::optimisation(spec, &bounds(&task.bounds), task.seed).map_err(ComputeError::Refused)?;
-    let network = network(&task.network)?;
+    let surrogate = network::surrogate(&task.surrogate)
+        .map_err(|why| ComputeError::Refused(vec![FieldProblem::new("/surrogate", why)]))?;
     let clearance = Clearance::new(&model.insect, model.elevation_phase);
     let problem = Problem {
-        predict: &|points, values| network.predict_into(points, values),
+        predict: &|points, values| surrogate.predict_into(points, values),
         clearance: &|points, values| clearance.of_each(points, values),
         margin_m: spec.clearance_margin_mm * 1e-3,
         bounds: how.bounds,
@@ -38,7 +39,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
     match spec.method {
         Method::Sqp => {
             let flight = Flight {
-                surrogate: &network,
+                surrogate: &surrogate,
                 clearance: Some(&clearance),
                 margin_m: problem.margin_m,
                 bounds: how.bounds,
@@ -184,36 +185,4 @@ fn result(optimum: &Optimum) -> Result<OptimiseResult, ComputeError> {
         optimality: None,
         solver_version: SOLVER_VERSION.into(),
     })
-}
-
-/// A network from the wire may have any shape; one of the wrong shape would panic deep inside.
-fn network(n: &NetworkMessage) -> Result<Network, ComputeError> {
-    Network::new_checked(
-        bounds(&n.bounds),
-        n.hidden_weights.clone(),
-        n.hidden_biases.clone(),
-        n.output_weights.clone(),
-        n.output_biases,
-    )
-    .map_err(|e| ComputeError::Refused(vec![FieldProblem::new("/network", e.to_string())]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_network_of_the_wrong_shape_is_refused() {
-        let bounds = manduca_protocol::task::BoundsMessage { lower: [0.0; 10], upper: [1.0; 10] };
-        let mut message = NetworkMessage {
-            bounds,
-            hidden_weights: vec![0.0; 20],
-            hidden_biases: vec![0.0; 2],
-            output_weights: vec![0.0; 8],
-            output_biases: [0.0; 4],
-        };
-        assert!(network(&message).is_ok());
-        message.output_weights.pop();
-        assert!(network(&message).is_err());
-    }
 }

@@ -1,42 +1,68 @@
-//! The network, trained.
+//! The surrogate, trained.
 
 use std::ops::ControlFlow;
 
 use manduca_numerics::simulation::SOLVER_VERSION;
-use manduca_numerics::surrogate::{self, Epoch, Errors, Network, Sample, Stop};
-use manduca_protocol::resolve;
-use manduca_protocol::task::{
-    BoundsMessage, EpochMessage, ErrorsMessage, NetworkMessage, Progress, TrainResult, TrainTask,
-};
+use manduca_numerics::surrogate::{self, Checkpoint, Dataset, Errors, Sample, TrainError, TrainSettings, Training};
+use manduca_protocol::task::{self, ErrorsMessage, Progress, TrainResult, TrainTask};
+use manduca_protocol::{network, resolve};
 
-use super::{ComputeError, bounds, finite, scaled};
+use super::{ComputeError, Listener, bounds, finite, scaled};
 
-/// Trains the network of a task on its dataset.
-pub(super) fn train(task: &TrainTask, report: &mut dyn FnMut(Progress)) -> Result<TrainResult, ComputeError> {
+/// Trains the surrogate of a task on its dataset, from where an earlier attempt stood.
+pub(super) fn train(task: &TrainTask, listener: &mut dyn Listener) -> Result<TrainResult, ComputeError> {
     let count = u32::try_from(task.dataset.len()).unwrap_or(u32::MAX);
     let settings = resolve::surrogate(&task.surrogate, count, task.seed).map_err(ComputeError::Refused)?;
-    let samples: Vec<Sample> = task.dataset.iter().map(|s| Sample { x: s.x, y: s.y }).collect();
-    let total = settings.max_iterations as u64;
-    let mut hear = |epoch: &Epoch| {
-        let note = format!("iteration {}, validation error {:.1e}", epoch.iteration, epoch.validation_mse);
-        report(Progress { done: epoch.iteration as u64, total, note });
+    let insect = resolve::model(&task.model, "/model").map_err(ComputeError::Refused)?.insect;
+    let samples: Vec<Sample> = task.dataset.iter().map(|s| Sample { x: s.x, y: s.y, se: s.se }).collect();
+    let bounds = bounds(&task.bounds);
+    let data = Dataset { samples: &samples, bounds: &bounds, insect: &insect };
+    let start = task.checkpoint.as_ref().and_then(|at| network::checkpoint(at).ok());
+    let training = match run(&data, &settings, start, listener) {
+        // What an earlier attempt left is a help, never a condition.
+        Err(TrainError::Checkpoint(_)) => run(&data, &settings, None, listener),
+        done => done,
+    };
+    result(&training.map_err(|e| ComputeError::Failed(e.to_string()))?)
+}
+
+fn run(
+    data: &Dataset<'_>,
+    settings: &TrainSettings,
+    start: Option<Checkpoint>,
+    listener: &mut dyn Listener,
+) -> Result<Training, TrainError> {
+    let most = settings.max_iterations as u64;
+    let total = most * settings.ensemble as u64;
+    let mut hear = |at: &Checkpoint| {
+        if let Some(epoch) = at.curve.last() {
+            let of = match settings.ensemble {
+                1 => String::new(),
+                n => format!("network {} of {n}, ", at.members.len() + 1),
+            };
+            let note = format!("{of}iteration {}, validation error {:.1e}", epoch.iteration, epoch.validation_mse);
+            let done = most * at.members.len() as u64 + epoch.iteration as u64;
+            listener.progress(Progress { done, total, note });
+        }
+        listener.checkpoint(&|| task::Checkpoint::Train(Box::new(network::checkpoint_message(at))));
         ControlFlow::Continue(())
     };
-    let training = surrogate::train(&samples, &bounds(&task.bounds), &settings, &mut hear)
-        .map_err(|e| ComputeError::Failed(e.to_string()))?;
-    let curve: Vec<_> = training.curve.iter().map(epoch).collect();
-    finite(curve.iter().flat_map(|e| [e.train_mse, e.validation_mse, e.test_mse]))?;
+    surrogate::train(data, settings, start, &mut hear)
+}
+
+fn result(training: &Training) -> Result<TrainResult, ComputeError> {
+    let members = training.members.iter().enumerate();
+    let curve: Vec<_> = members.flat_map(|(of, m)| network::curve(of, &m.curve)).collect();
+    finite(curve.iter().flat_map(|e| [e.train_mse, e.validation_mse, e.test_mse, e.damping]))?;
+    for n in training.surrogate.members() {
+        let all = [&n.hidden_weights[..], &n.hidden_biases, &n.output_weights, &n.output_biases];
+        finite(all.into_iter().flatten().copied())?;
+    }
     Ok(TrainResult {
-        network: network(&training.network)?,
+        surrogate: (&training.surrogate).into(),
         curve,
-        best_iteration: count_of(training.best_iteration),
-        stopped: match training.stopped {
-            Stop::Validation => "the validation error no longer fell".into(),
-            Stop::MaxIterations => "all iterations were made".into(),
-            Stop::Gradient => "the gradient vanished".into(),
-            Stop::Damping => "no step made the error smaller".into(),
-            Stop::Interrupted => "interrupted".into(),
-        },
+        best_iterations: training.members.iter().map(|m| count_of(m.best_iteration)).collect(),
+        stops: training.members.iter().map(|m| network::stopped(m.stopped).into()).collect(),
         train: errors(&training.train)?,
         validation: errors(&training.validation)?,
         test: errors(&training.test)?,
@@ -48,15 +74,6 @@ fn count_of(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
 
-fn epoch(e: &Epoch) -> EpochMessage {
-    EpochMessage {
-        iteration: count_of(e.iteration),
-        train_mse: e.train_mse,
-        validation_mse: e.validation_mse,
-        test_mse: e.test_mse,
-    }
-}
-
 /// An output which never varies correlates with nothing: that is zero, not an error.
 fn errors(e: &Errors) -> Result<ErrorsMessage, ComputeError> {
     finite(e.rmse)?;
@@ -64,57 +81,87 @@ fn errors(e: &Errors) -> Result<ErrorsMessage, ComputeError> {
     Ok(ErrorsMessage { rmse: scaled(e.rmse), correlation: scaled(correlation), count: count_of(e.count) })
 }
 
-fn network(n: &Network) -> Result<NetworkMessage, ComputeError> {
-    let all = [&n.hidden_weights[..], &n.hidden_biases, &n.output_weights, &n.output_biases];
-    finite(all.into_iter().flatten().copied())?;
-    Ok(NetworkMessage {
-        bounds: BoundsMessage { lower: n.bounds.lower, upper: n.bounds.upper },
-        hidden_weights: n.hidden_weights.clone(),
-        hidden_biases: n.hidden_biases.clone(),
-        output_weights: n.output_weights.clone(),
-        output_biases: n.output_biases,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use manduca_numerics::parameters::Bounds;
     use manduca_numerics::sampling;
-    use manduca_protocol::study::SurrogateSpec;
-    use manduca_protocol::task::TrainSample;
+    use manduca_protocol::study::{Features, ModelSpec, SurrogateSpec};
+    use manduca_protocol::task::{BoundsMessage, TrainCheckpoint, TrainSample};
+
+    /// Hears everything.
+    #[derive(Default)]
+    struct All {
+        progress: Vec<Progress>,
+        checkpoints: Vec<TrainCheckpoint>,
+    }
+
+    impl Listener for All {
+        fn progress(&mut self, at: Progress) {
+            self.progress.push(at);
+        }
+
+        fn checkpoint(&mut self, make: &dyn Fn() -> task::Checkpoint) {
+            let task::Checkpoint::Train(at) = make();
+            self.checkpoints.push(*at);
+        }
+    }
 
     fn task(samples: u64) -> TrainTask {
         let bounds = Bounds::default();
         let sample = |i| {
             let x = sampling::sample(&bounds, 3, i, &|_| true).unwrap();
             let u = bounds.to_unit(&x);
-            TrainSample { x, y: [u[0], u[1] - u[2], u[3] * u[4], 1.0 + u[5]] }
+            TrainSample { x, y: [u[0], u[1] - u[2], u[3] * u[4], 1.0 + u[5]], se: [0.0; 4] }
         };
         TrainTask {
-            surrogate: SurrogateSpec { neurons: 6, max_iterations: 20, ..SurrogateSpec::default() },
+            surrogate: SurrogateSpec {
+                neurons: 6,
+                max_iterations: 20,
+                features: Features::Paper,
+                ..SurrogateSpec::default()
+            },
             seed: 5,
             bounds: BoundsMessage { lower: bounds.lower, upper: bounds.upper },
             dataset: (0..samples).map(sample).collect(),
+            model: ModelSpec::default(),
+            checkpoint: None,
         }
     }
 
     #[test]
     fn a_training_learns_reports_and_keeps_its_shape() {
-        let mut heard = Vec::new();
-        let result = train(&task(120), &mut |at| heard.push(at)).unwrap();
-        assert_eq!((result.network.hidden_weights.len(), result.network.output_weights.len()), (60, 24));
+        let mut heard = All::default();
+        let result = train(&task(120), &mut heard).unwrap();
+        let [network] = &result.surrogate.networks[..] else { panic!("one network") };
+        assert_eq!((network.hidden_weights.len(), network.output_weights.len()), (60, 24));
         assert_eq!(result.train.count + result.validation.count + result.test.count, 120);
         assert!(result.test.rmse.lift < 0.05, "{:?}", result.test);
-        assert!(!heard.is_empty() && heard.iter().all(|at| at.total == 20));
-        assert!(!result.curve.is_empty());
+        assert!(!heard.progress.is_empty() && heard.progress.iter().all(|at| at.total == 20));
+        assert_eq!(heard.checkpoints.last().unwrap().curve, result.curve);
+    }
+
+    #[test]
+    fn an_attempt_goes_on_from_a_checkpoint_and_past_a_bad_one() {
+        let mut heard = All::default();
+        let whole = train(&task(120), &mut heard).unwrap();
+        let mut second = task(120);
+        second.checkpoint = Some(Box::new(heard.checkpoints[3].clone()));
+        let mut after = All::default();
+        assert_eq!(train(&second, &mut after).unwrap(), whole);
+        assert_eq!(after.checkpoints[..], heard.checkpoints[3..]);
+        let at = second.checkpoint.as_mut().unwrap();
+        at.curve.clear();
+        assert_eq!(train(&second, &mut All::default()).unwrap(), whole);
+        second.checkpoint.as_mut().unwrap().best.hidden_biases.pop();
+        assert_eq!(train(&second, &mut All::default()).unwrap(), whole);
     }
 
     #[test]
     fn what_makes_no_sense_is_refused_by_field() {
         let mut bad = task(120);
         bad.surrogate.neurons = 0;
-        let error = train(&bad, &mut |_| {}).unwrap_err().to_string();
+        let error = train(&bad, &mut All::default()).unwrap_err().to_string();
         assert!(error.contains("/surrogate/neurons"), "{error}");
     }
 }

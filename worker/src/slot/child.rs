@@ -10,13 +10,16 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use manduca_numerics::simulation;
-use manduca_protocol::task::{Progress, Provenance, Task};
+use manduca_protocol::task::{Checkpoint, Progress, Provenance, Task};
 
 use super::Message;
-use crate::compute;
+use crate::compute::{self, Listener};
 
 /// Progress more often than this is of use to no one.
 const BETWEEN_PROGRESS: Duration = Duration::from_millis(500);
+
+/// Work between two checkpoints which may have to be done again.
+const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(2);
 
 /// Where and why the last panic was: the payload alone does not say where.
 static LAST_PANIC: Mutex<Option<String>> = Mutex::new(None);
@@ -67,6 +70,30 @@ fn write(out: &mut impl Write, message: &Message) -> io::Result<()> {
     out.flush()
 }
 
+/// Tells the parent now and then.
+struct Teller<'a> {
+    say: &'a mut dyn FnMut(&Message),
+    /// When each was last told.
+    progress: Instant,
+    checkpoint: Instant,
+}
+
+impl Listener for Teller<'_> {
+    fn progress(&mut self, at: Progress) {
+        if self.progress.elapsed() >= BETWEEN_PROGRESS {
+            self.progress = Instant::now();
+            (self.say)(&Message::Progress(at));
+        }
+    }
+
+    fn checkpoint(&mut self, make: &dyn Fn() -> Checkpoint) {
+        if self.checkpoint.elapsed() >= BETWEEN_CHECKPOINTS {
+            (self.say)(&Message::Checkpoint { at: make() });
+            self.checkpoint = Instant::now();
+        }
+    }
+}
+
 /// Computes one task and says what there is to say about it.
 fn answer(line: &str, say: &mut dyn FnMut(&Message)) {
     let task: Task = match serde_json::from_str(line) {
@@ -74,15 +101,9 @@ fn answer(line: &str, say: &mut dyn FnMut(&Message)) {
         Err(e) => return say(&Message::Failed { reason: format!("the slot cannot read its task: {e}") }),
     };
     let start = Instant::now();
-    let mut last = start;
-    let mut report = |progress: Progress| {
-        if last.elapsed() >= BETWEEN_PROGRESS {
-            last = Instant::now();
-            say(&Message::Progress(progress));
-        }
-    };
+    let mut teller = Teller { say: &mut *say, progress: start, checkpoint: start };
     // A task is pure: whatever a panic leaves half done is dropped with it.
-    let computed = panic::catch_unwind(AssertUnwindSafe(|| compute::run(&task, &mut report)));
+    let computed = panic::catch_unwind(AssertUnwindSafe(|| compute::run(&task, &mut teller)));
     say(&match computed {
         Ok(Ok(result)) => {
             let provenance = Provenance { wall_s: start.elapsed().as_secs_f64(), level: simulation::level().into() };

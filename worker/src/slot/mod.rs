@@ -2,7 +2,7 @@
 //!
 //! Parent and child speak one JSON object per line. The parent writes a
 //! [`Task`](manduca_protocol::task::Task) to the child's standard input; the
-//! child answers with any number of [`Message::Progress`] and one
+//! child answers with any number of [`Message::Progress`] and [`Message::Checkpoint`] and one
 //! [`Message::Done`] or [`Message::Failed`]. The child outlives its jobs and is
 //! started anew only after a crash or a kill.
 
@@ -13,8 +13,17 @@ mod stderr;
 pub use child::slot_main;
 pub use parent::{Outcome, Slot};
 
-use manduca_protocol::task::{JobResult, Progress, Provenance};
+use manduca_protocol::task::{Checkpoint, JobResult, Progress, Provenance};
 use serde::{Deserialize, Serialize};
+
+/// What is known of a task while it is computed.
+#[derive(Debug, Clone, Default)]
+pub struct News {
+    /// How far it is.
+    pub progress: Option<Progress>,
+    /// Where it could be taken up again.
+    pub checkpoint: Option<Checkpoint>,
+}
 
 /// What a child says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,6 +31,11 @@ use serde::{Deserialize, Serialize};
 pub enum Message {
     /// Still at it.
     Progress(Progress),
+    /// Where it could be taken up again.
+    Checkpoint {
+        /// By whatever computes it next.
+        at: Checkpoint,
+    },
     /// The task's result.
     Done {
         /// What came out.

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
-use manduca_protocol::task::{JobResult, Progress, Provenance, Task};
+use manduca_protocol::task::{JobResult, Provenance, Task};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use super::Message;
 use super::stderr::LastWords;
+use super::{Message, News};
 
 /// A program which cannot be started must not burn every attempt of every job within a second.
 const AFTER_A_FAILED_START: Duration = Duration::from_secs(1);
@@ -55,7 +55,7 @@ impl Slot {
         &mut self,
         task: &Task,
         limit: Duration,
-        progress: &watch::Sender<Option<Progress>>,
+        news: &watch::Sender<News>,
         stop: &CancellationToken,
     ) -> Outcome {
         if let Err(e) = self.ensure_started() {
@@ -76,7 +76,7 @@ impl Slot {
                 self.kill().await;
                 Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()))
             }
-            answer = self.converse(task, progress) => match answer {
+            answer = self.converse(task, news) => match answer {
                 Ok(outcome) => outcome,
                 Err(trouble) => Outcome::Failed(self.bury(trouble).await),
             }
@@ -107,7 +107,7 @@ impl Slot {
         Ok(())
     }
 
-    async fn converse(&mut self, task: &Task, progress: &watch::Sender<Option<Progress>>) -> io::Result<Outcome> {
+    async fn converse(&mut self, task: &Task, news: &watch::Sender<News>) -> io::Result<Outcome> {
         let Some(process) = &mut self.process else { return Err(io::Error::other("not started")) };
         let mut line = serde_json::to_vec(task)?;
         line.push(b'\n');
@@ -115,7 +115,8 @@ impl Slot {
         process.stdin.flush().await?;
         while let Some(line) = process.stdout.next_line().await? {
             match serde_json::from_str(&line)? {
-                Message::Progress(at) => drop(progress.send_replace(Some(at))),
+                Message::Progress(at) => news.send_modify(|news| news.progress = Some(at)),
+                Message::Checkpoint { at } => news.send_modify(|news| news.checkpoint = Some(at)),
                 Message::Done { result, provenance } => return Ok(Outcome::Done(Box::new(result), provenance)),
                 Message::Failed { reason } => return Ok(Outcome::Failed(reason)),
             }
@@ -178,10 +179,10 @@ mod tests {
         .unwrap()
     }
 
-    async fn run(slot: &mut Slot, limit: Duration) -> (String, Option<Progress>) {
-        let (progress, at) = watch::channel(None);
+    async fn run(slot: &mut Slot, limit: Duration) -> (String, Option<manduca_protocol::task::Progress>) {
+        let (progress, at) = watch::channel(News::default());
         let outcome = slot.run(&task(), limit, &progress, &CancellationToken::new()).await;
-        let at = at.borrow().clone();
+        let at = at.borrow().progress.clone();
         match outcome {
             Outcome::Failed(reason) => (reason, at),
             other => panic!("{other:?}"),

@@ -43,7 +43,7 @@ fn after(task: &Task, slot: &mut std::process::Child) -> Result<Option<f64>> {
     stdin.flush()?;
     for line in BufReader::new(stdout).lines() {
         match serde_json::from_str(&line?)? {
-            Message::Progress(_) => {}
+            Message::Progress(_) | Message::Checkpoint { .. } => {}
             Message::Done { .. } => return Ok(resident_peak_mb(slot.id())),
             Message::Failed { reason } => bail!("the slot failed: {reason}"),
         }

@@ -1,6 +1,8 @@
 //! `manduca bench`: how fast this machine is at what takes the time.
 
+mod accuracy;
 mod memory;
+mod samples;
 mod scaling;
 mod search;
 mod surrogate;
@@ -35,6 +37,7 @@ const OPERATIONS: f64 = 40.0;
 pub fn bench(command: &BenchCommand) -> Result<ExitCode> {
     match command {
         BenchCommand::Solver(args) => solver(args),
+        BenchCommand::Accuracy(args) => accuracy::accuracy(args),
         BenchCommand::Surrogate(args) => surrogate::surrogate(args),
     }
 }

@@ -10,7 +10,7 @@ use manduca_numerics::optimise::sqp::{Flight, SqpSettings, minimise};
 use manduca_numerics::optimise::{GaSettings, Problem, optimise};
 use manduca_numerics::parameters::{Bounds, Point};
 use manduca_numerics::sampling::sample;
-use manduca_numerics::surrogate::Network;
+use manduca_numerics::surrogate::Surrogate;
 use serde::Serialize;
 
 /// Rates and times of the searches.
@@ -26,12 +26,12 @@ pub(super) struct Search {
     pub(super) sqp_converged: usize,
 }
 
-/// Measures on a network.
-pub(super) fn measure(network: &Network) -> Result<Search> {
+/// Measures on a surrogate.
+pub(super) fn measure(surrogate: &Surrogate) -> Result<Search> {
     let clearance = Clearance::new(&Insect::default(), ElevationPhase::Plus);
     let bounds = Bounds::default();
     let problem = Problem {
-        predict: &|points, values| network.predict_into(points, values),
+        predict: &|points, values| surrogate.predict_into(points, values),
         clearance: &|points, values| clearance.of_each(points, values),
         margin_m: 0.0,
         bounds,
@@ -43,13 +43,13 @@ pub(super) fn measure(network: &Network) -> Result<Search> {
     let start = Instant::now();
     optimise(&problem, &ga, &Default::default(), &mut |_| ControlFlow::Continue(()))?;
     let ga_1e5x100_s = start.elapsed().as_secs_f64();
-    let flight = Flight { surrogate: network, clearance: Some(&clearance), margin_m: 0.0, bounds };
+    let flight = Flight { surrogate, clearance: Some(&clearance), margin_m: 0.0, bounds };
     let settings = SqpSettings { starts: 1000, ..SqpSettings::default() };
     let start = Instant::now();
     let found = minimise(&flight, &settings, &mut |_| ControlFlow::Continue(()))?;
     let sqp_1000_starts_s = start.elapsed().as_secs_f64();
     Ok(Search {
-        inference_f64_evals_s: inference(network, &bounds)?,
+        inference_f64_evals_s: inference(surrogate, &bounds)?,
         ga_1e5x100_s,
         sqp_1000_starts_s,
         sqp_converged: found.converged,
@@ -57,14 +57,14 @@ pub(super) fn measure(network: &Network) -> Result<Search> {
 }
 
 /// Predictions per second on one core, the median of several batches.
-fn inference(network: &Network, bounds: &Bounds) -> Result<f64> {
+fn inference(surrogate: &Surrogate, bounds: &Bounds) -> Result<f64> {
     let points: Vec<Point> = (0..1 << 14).filter_map(|i| sample(bounds, 2, i, &|_| true)).collect();
     let mut values = vec![[0.0; 4]; points.len()];
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut rates: Vec<f64> = (0..21)
         .map(|_| {
             let start = Instant::now();
-            one.install(|| network.predict_into(&points, &mut values));
+            one.install(|| surrogate.predict_into(&points, &mut values));
             points.len() as f64 / start.elapsed().as_secs_f64()
         })
         .collect();

@@ -6,15 +6,13 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use manduca_numerics::insect::Insect;
-use manduca_numerics::kinematics::{Clearance, ElevationPhase};
 use manduca_numerics::parameters::Bounds;
-use manduca_numerics::quasi_steady;
-use manduca_numerics::sampling::sample;
-use manduca_numerics::simulation::{BodyVelocity, Model, Simulation, level, simulate};
-use manduca_numerics::surrogate::{Network, Sample, TrainSettings, train};
+use manduca_numerics::simulation::level;
+use manduca_numerics::surrogate::{Dataset, Features, Method, Sample, Surrogate, TrainSettings, train};
 use serde::Serialize;
 
 use super::memory;
+use super::samples::stand_in;
 use super::search::{self, Search};
 use crate::args::BenchSurrogateArgs;
 use crate::output::Output;
@@ -33,69 +31,60 @@ struct Report {
     search: Search,
 }
 
-/// Times of one iteration, accepted steps only partly: whatever is refused on the way counts.
+/// Times of one iteration of the paper's ten inputs; steps refused on the way count.
 #[derive(Debug, Serialize)]
 struct Training {
     /// Levenberg-Marquardt, s.
     lm_iteration_s: f64,
+    /// Variable projection, s.
+    vp_iteration_s: f64,
     /// Most memory of this process after training, MiB; none where the system does not tell.
     peak_rss_mib: Option<f64>,
 }
 
-/// Strokes of the paper's box, flown by blade elements: as many numbers as a study has, at no cost.
-fn stand_in(count: usize) -> Result<Vec<Sample>> {
-    let (insect, elevation_phase) = (Insect::default(), ElevationPhase::Plus);
-    let clearance = Clearance::new(&insect, elevation_phase);
-    let settings = quasi_steady::Settings { blade_elements: 20, steps_per_stroke: 48, ..Default::default() };
-    let fly = |index: usize| {
-        let x = sample(&Bounds::default(), 1, index as u64, &|x| clearance.of(x) >= 0.0)?;
-        let model = Model::QuasiSteady(settings);
-        let body_velocity = BodyVelocity::default();
-        let stroke = Simulation { model, insect, parameters: x, elevation_phase, elastic_storage: 0.0, body_velocity };
-        Some(Sample { x, y: simulate(&stroke).ok()?.scaled.map(|e| e.mean) })
-    };
-    (0..count).map(fly).collect::<Option<_>>().context("no stroke of the paper's box is feasible")
-}
-
-/// Median wall time of an iteration, s, and the network they made.
-fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<(f64, Network)> {
+/// Median wall time of an iteration, s, and the surrogate they made.
+fn iteration_s(samples: &[Sample], settings: &TrainSettings) -> Result<(f64, Surrogate)> {
     let mut last = Instant::now();
     let mut times = Vec::new();
-    let trained = train(samples, &Bounds::default(), settings, &mut |epoch| {
-        if epoch.iteration > 0 {
+    let (bounds, insect) = (Bounds::default(), Insect::default());
+    let trained = train(&Dataset { samples, bounds: &bounds, insect: &insect }, settings, None, &mut |at| {
+        if at.curve.len() > 1 {
             times.push(last.elapsed().as_secs_f64());
         }
         last = Instant::now();
         ControlFlow::Continue(())
     })?;
     times.sort_by(f64::total_cmp);
-    let median = times.get(times.len() / 2).context("the training stopped before its first iteration")?;
-    Ok((*median, trained.network))
+    let median = times.get(times.len() / 2).copied().context("the training stopped before its first iteration")?;
+    Ok((median, trained.surrogate))
 }
 
-fn training(samples: &[Sample], args: &BenchSurrogateArgs) -> Result<(Training, Network)> {
-    let settings = TrainSettings {
+fn training(samples: &[Sample], args: &BenchSurrogateArgs) -> Result<(Training, Surrogate)> {
+    let settings = |method| TrainSettings {
+        method,
+        features: Features::Paper,
         neurons: args.neurons,
         max_iterations: args.iterations,
         patience: args.iterations,
         ..TrainSettings::default()
     };
-    let (lm_iteration_s, network) = iteration_s(samples, &settings)?;
+    let (lm_iteration_s, _) = iteration_s(samples, &settings(Method::LevenbergMarquardt))?;
+    let (vp_iteration_s, surrogate) = iteration_s(samples, &settings(Method::VariableProjection))?;
     let peak_rss_mib = memory::resident_peak_mb(std::process::id()).map(|mb| mb * 1e6 / f64::from(1 << 20));
-    Ok((Training { lm_iteration_s, peak_rss_mib }, network))
+    Ok((Training { lm_iteration_s, vp_iteration_s, peak_rss_mib }, surrogate))
 }
 
 /// Runs the benchmark.
 pub fn surrogate(args: &BenchSurrogateArgs) -> Result<ExitCode> {
     let samples = stand_in(args.samples)?;
-    let (training, network) = training(&samples, args)?;
+    let (training, surrogate) = training(&samples, args)?;
     let report = Report {
         level: level(),
         cores: std::thread::available_parallelism().map_or(1, usize::from),
         neurons: args.neurons,
         train_samples: (args.samples as f64 * TrainSettings::default().train_share).round() as usize,
         training,
-        search: search::measure(&network)?,
+        search: search::measure(&surrogate)?,
     };
     let mut out = Output::stdout();
     if args.json {
@@ -114,6 +103,7 @@ fn print(out: &mut Output, r: &Report) -> std::io::Result<()> {
         &["what".to_owned(), "value".to_owned()],
         &[
             row("Levenberg-Marquardt, one iteration, s", format!("{:.2}", r.training.lm_iteration_s)),
+            row("variable projection, one iteration, s", format!("{:.2}", r.training.vp_iteration_s)),
             row("most memory while training, MiB", or_none(r.training.peak_rss_mib)),
             row("predictions on one core, 1e6/s", format!("{:.2}", r.search.inference_f64_evals_s * 1e-6)),
             row("genetic algorithm, 1e5 x 100 and simplex, s", format!("{:.2}", r.search.ga_1e5x100_s)),

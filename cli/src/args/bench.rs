@@ -1,0 +1,121 @@
+//! `manduca bench ...`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+
+/// `manduca bench ...`.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// The vortex lattice: its kernel, whole cases, and what a study would take here.
+    Solver(BenchSolverArgs),
+    /// The network: an iteration of its training, its memory, its use.
+    Surrogate(BenchSurrogateArgs),
+    /// What features, methods, ensembles and samples are worth: errors on a second dataset.
+    Accuracy(BenchAccuracyArgs),
+}
+
+/// `manduca bench solver`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Times are of one core; a study uses all. The estimate is that of `study submit --dry-run` for
+a study with the default settings: samples x seconds of a sample / cores.
+
+Examples:
+  manduca bench solver --samples 2000
+  manduca bench solver --scaling        what panels, steps, strokes and wake cost")]
+pub struct BenchSolverArgs {
+    /// Samples of the study whose time is estimated.
+    #[arg(long, value_name = "N", default_value_t = 5000)]
+    pub samples: u32,
+    /// Also show how time and work grow with panels, steps, strokes and rows of wake.
+    #[arg(long)]
+    pub scaling: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca bench surrogate`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Trains on strokes flown by blade elements, four fifths of the samples given.
+
+Example:
+  manduca bench surrogate --json")]
+pub struct BenchSurrogateArgs {
+    /// Neurons of the hidden layer.
+    #[arg(long, value_name = "N", default_value_t = 500)]
+    pub neurons: usize,
+    /// Samples; four fifths of them are fitted.
+    #[arg(long, value_name = "N", default_value_t = 5000)]
+    pub samples: usize,
+    /// Iterations whose middle time is told.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub iterations: usize,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What the networks learn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs)]
+pub enum FeaturesChoice {
+    Physical,
+    Paper,
+}
+
+/// How the weights are searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs)]
+pub enum MethodChoice {
+    VariableProjection,
+    LevenbergMarquardt,
+}
+
+/// `manduca bench accuracy`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Datasets are what `manduca dataset` writes, CSV by the ending of the name, else NDJSON. The
+second should be of long flights with small standard errors. Without them blade elements
+stand in. Nine tenths of the samples are fitted, one tenth says when to stop.
+
+Examples:
+  manduca bench accuracy --train samples.csv --test truth.csv
+  manduca bench accuracy --sizes 500,1000 --methods variable-projection --neurons 100")]
+pub struct BenchAccuracyArgs {
+    /// Dataset to train on; its first samples are the smaller trainings.
+    #[arg(long, value_name = "FILE", requires = "test")]
+    pub train: Option<PathBuf>,
+    /// Dataset to judge by.
+    #[arg(long, value_name = "FILE", requires = "train")]
+    pub test: Option<PathBuf>,
+    /// Preset of the insect which flew.
+    #[arg(long, default_value = "hawkmoth")]
+    pub insect: String,
+    /// How many samples; those beyond the dataset are left out.
+    #[arg(long, value_delimiter = ',', default_values_t = [500, 1000, 2000, 5000])]
+    pub sizes: Vec<usize>,
+    /// Features.
+    #[arg(long, value_delimiter = ',', default_values = ["paper", "physical"])]
+    pub features: Vec<FeaturesChoice>,
+    /// Methods.
+    #[arg(long, value_delimiter = ',', default_values = ["levenberg-marquardt", "variable-projection"])]
+    pub methods: Vec<MethodChoice>,
+    /// Sizes of ensembles.
+    #[arg(long, value_delimiter = ',', default_values_t = [1, 3])]
+    pub ensembles: Vec<usize>,
+    /// Neurons of each network.
+    #[arg(long, default_value_t = 500)]
+    pub neurons: usize,
+    /// Most iterations of each network.
+    #[arg(long, default_value_t = 200)]
+    pub max_iterations: usize,
+    /// Iterations without a better validation error before it stops.
+    #[arg(long, default_value_t = 6)]
+    pub patience: usize,
+    /// Print one JSON object per row.
+    #[arg(long)]
+    pub json: bool,
+}
