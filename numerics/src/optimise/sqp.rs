@@ -7,6 +7,7 @@
 mod flight;
 #[cfg(test)]
 mod flight_tests;
+mod linear;
 mod machine;
 mod quadratic;
 mod starts;
@@ -14,5 +15,6 @@ mod starts;
 mod tests;
 
 pub use flight::{Differentiable, Flight};
-pub use machine::{Linear, Multipliers, Sqp, SqpStop};
+pub use linear::{Linear, Multipliers};
+pub use machine::{Sqp, SqpStop};
 pub use starts::{LocalOptimum, SqpOptimum, SqpProgress, SqpSettings, minimise};

@@ -1,6 +1,6 @@
 //! Trimmed flight at least power as a smooth problem.
 
-use super::machine::Linear;
+use super::linear::Linear;
 use crate::kinematics::{Clearance, Contact};
 use crate::parameters::{Bounds, COUNT, Point};
 use crate::surrogate::{Jacobian, Network};
