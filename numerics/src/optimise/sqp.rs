@@ -7,6 +7,7 @@
 mod flight;
 #[cfg(test)]
 mod flight_tests;
+mod linear;
 mod machine;
 mod quadratic;
 mod starts;

@@ -77,8 +77,22 @@ impl Surrogate {
     /// one row per output; those by parameters which the frame does not know and the
     /// networks hold are 0.
     pub fn jacobian(&self, x: &Point) -> Jacobian {
-        let (inside, slopes) = self.joined.jacobian(x);
-        let (by_inside, by_frame) = self.frame.slopes(x, &inside);
+        let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
+        self.jacobians_into(std::slice::from_ref(x), &mut out);
+        out[0]
+    }
+
+    /// The same at many points, on the calling thread; the shorter slice counts.
+    pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        self.joined.jacobians_into(xs, out);
+        for (x, place) in xs.iter().zip(out) {
+            *place = self.outward(x, place);
+        }
+    }
+
+    /// From the networks' outputs and derivatives to those of the means.
+    fn outward(&self, x: &Point, (inside, slopes): &Jacobian) -> Jacobian {
+        let (by_inside, by_frame) = self.frame.slopes(x, inside);
         let mut jacobian = [[0.0; COUNT]; 4];
         for (o, row) in jacobian.iter_mut().enumerate() {
             for (i, d) in row.iter_mut().enumerate() {
@@ -87,7 +101,7 @@ impl Surrogate {
             row[at::FREQUENCY] += by_frame[o][0];
             row[at::STROKE_PLANE] += by_frame[o][1];
         }
-        (self.frame.outward(x, &inside), jacobian)
+        (self.frame.outward(x, inside), jacobian)
     }
 }
 

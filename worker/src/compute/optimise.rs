@@ -6,9 +6,9 @@ use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::optimise::sqp::{self, Flight, SqpProgress, SqpSettings};
 use manduca_numerics::optimise::{self, GaStop, Generation, OptimiseError, Optimum, Phase, Problem};
 use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_protocol::network;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
-use manduca_protocol::network;
 use manduca_protocol::resolve::{self, ResolvedOptimisation};
 use manduca_protocol::study::Method;
 use manduca_protocol::task::{
@@ -185,4 +185,71 @@ fn result(optimum: &Optimum) -> Result<OptimiseResult, ComputeError> {
         optimality: None,
         solver_version: SOLVER_VERSION.into(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use manduca_protocol::task::{FrameMessage, NetworkMessage, SurrogateMessage};
+
+    /// Four neurons, each of one parameter and one output: P+ = tanh f, L+ = lift + tanh beta,
+    /// D+ = tanh phi0, M+ = tanh theta0, parameters scaled to [-1, 1].
+    fn task(lift: f64) -> OptimiseTask {
+        let mut hidden_weights = vec![0.0; 40];
+        let mut output_weights = vec![0.0; 16];
+        for (neuron, output) in [3, 0, 1, 2].into_iter().enumerate() {
+            hidden_weights[10 * neuron + neuron] = 1.0;
+            output_weights[4 * output + neuron] = 1.0;
+        }
+        let default = manduca_numerics::parameters::Bounds::default();
+        let bounds = manduca_protocol::task::BoundsMessage { lower: default.lower, upper: default.upper };
+        let optimisation = serde_json::json!({
+            "name": "a", "starts": 20, "population": 50, "generations": 5, "clearance_margin_mm": -1000.0
+        });
+        OptimiseTask {
+            model: manduca_protocol::study::ModelSpec::default(),
+            bounds: bounds.clone(),
+            optimisation: serde_json::from_value(optimisation).unwrap(),
+            seed: 3,
+            surrogate: SurrogateMessage {
+                frame: FrameMessage::Paper,
+                networks: vec![NetworkMessage {
+                    bounds,
+                    hidden_weights,
+                    hidden_biases: vec![0.0; 4],
+                    output_weights,
+                    output_biases: [lift, 0.0, 0.0, 0.0],
+                }],
+            },
+        }
+    }
+
+    #[test]
+    fn descents_answer_with_their_prices() {
+        let mut told = Vec::new();
+        let found = optimise(&task(1.0), &mut |progress| told.push(progress.done)).unwrap();
+        let known = found.optimality.unwrap();
+        assert!((found.predicted.lift - 1.0).abs() < 1e-9 && found.parameters.0[0] == 15.0);
+        // At the bound z = -1, and a width of the box is 2: the price is 2 (1 - tanh^2 1).
+        let tanh = manduca_numerics::math::tanh(1.0);
+        assert!((known.multipliers.bounds.0[0] - 2.0 * (1.0 - tanh * tanh)).abs() < 1e-9);
+        assert!(known.multipliers.lift.abs() < 1e-9 && known.kkt_residual <= 1e-10);
+        assert!((found.fitness - found.predicted.power).abs() < 1e-8);
+        assert_eq!((known.starts, known.converged, told), (20, 20, vec![20]));
+    }
+
+    #[test]
+    fn without_a_stroke_in_trim_the_nearest_is_told() {
+        let found = optimise(&task(3.0), &mut |_| {}).unwrap();
+        assert!(found.stopped.starts_with("none of 20 descents"), "{}", found.stopped);
+        assert!(found.optimality.is_none() && found.penalty > 1.0 && found.history.len() == 5);
+    }
+
+    #[test]
+    fn the_papers_method_breeds() {
+        let mut task = task(1.0);
+        task.optimisation.method = Method::Paper;
+        let found = optimise(&task, &mut |_| {}).unwrap();
+        assert!(found.optimality.is_none() && found.history.len() == 5 && found.fitness < 1.0);
+    }
 }

@@ -3,7 +3,7 @@
 use super::linear::Linear;
 use crate::kinematics::{Clearance, Contact};
 use crate::parameters::{Bounds, COUNT, Point};
-use crate::surrogate::{Jacobian, Network};
+use crate::surrogate::{Jacobian, Network, Surrogate};
 
 /// Unit of the clearance among the constraints, m: its size then is that of the others.
 const UNIT_M: f64 = 1e-2;
@@ -22,6 +22,12 @@ pub trait Differentiable: Sync {
 impl Differentiable for Network {
     fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
         Network::jacobians_into(self, xs, out);
+    }
+}
+
+impl Differentiable for Surrogate {
+    fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        Surrogate::jacobians_into(self, xs, out);
     }
 }
 

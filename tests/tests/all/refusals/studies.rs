@@ -163,6 +163,8 @@ pub fn optimisations() -> Vec<Refusal> {
         Refusal::study("bounds outside the study's", wider, "/optimisations/0/parameters/frequency_hz"),
         Refusal::study("no name", study(|s| s["optimisations"] = json!([{}])), "/optimisations/0/name"),
         Refusal::study("an unknown field", with("colour", json!(1)), "/optimisations/0/colour"),
+        Refusal::study("no start", with("starts", json!(0)), "/optimisations/0/starts"),
+        Refusal::study("an unknown method", with("method", json!("guess")), "/optimisations/0/method"),
         Refusal::study("nobody", with("population", json!(0)), "/optimisations/0/population"),
         Refusal::study("a negative penalty", with("penalty_r", json!(-1)), "/optimisations/0/penalty_r"),
         Refusal::study("too few strokes", with("verify_strokes", json!(1)), "/optimisations/0/verify_strokes"),
