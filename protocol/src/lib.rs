@@ -6,6 +6,7 @@ pub mod ids;
 pub mod point;
 pub mod problem;
 pub mod resolve;
+pub mod search;
 pub mod strict;
 pub mod study;
 pub mod task;

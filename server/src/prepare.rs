@@ -4,12 +4,13 @@
 use manduca_numerics::parameters::Bounds;
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_numerics::surrogate::Network;
+use manduca_protocol::search::SearchNext;
 use manduca_protocol::task::{JobKind, JobResult, NetworkMessage, SimulateOutcome, TrainResult};
 use manduca_protocol::view::SurrogateView;
 use manduca_protocol::worker::Completion;
 
 use crate::error::ApiError;
-use crate::store::{Outcome, Prepared, pack};
+use crate::store::{Outcome, Prepared, STROKES, pack};
 
 /// A result as it goes into the store.
 ///
@@ -21,6 +22,7 @@ pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
     let (kind, json, summary) = match result {
         JobResult::Simulate(result) => (JobKind::Simulate, to_json(&*result)?, None),
         JobResult::Optimise(result) => (JobKind::Optimise, to_json(&*result)?, None),
+        JobResult::Search(result) => (JobKind::Search, to_json(&*result)?, None),
         JobResult::Train(result) => {
             let json = to_json(&*result)?;
             let summary = String::from_utf8(to_json(&summary(*result))?).map_err(internal)?;
@@ -47,6 +49,7 @@ fn outcome(result: &JobResult) -> Outcome {
         JobResult::Simulate(r) => &r.solver_version,
         JobResult::Train(r) => &r.solver_version,
         JobResult::Optimise(r) => &r.solver_version,
+        JobResult::Search(r) => &r.solver_version,
     };
     if version != SOLVER_VERSION {
         return Outcome::Unusable(format!("computed by solver version `{version}`, not `{SOLVER_VERSION}`"));
@@ -61,6 +64,12 @@ fn outcome(result: &JobResult) -> Outcome {
             Err(why) => Outcome::Unusable(format!("not a network: {why}")),
         },
         JobResult::Optimise(_) => Outcome::Succeeded,
+        JobResult::Search(r) => match &r.next {
+            SearchNext::Fly { strokes, .. } if strokes.is_empty() || strokes.len() > STROKES as usize => {
+                Outcome::Unusable(format!("asks for {} strokes; 1 to {STROKES} are possible", strokes.len()))
+            }
+            _ => Outcome::Succeeded,
+        },
     }
 }
 
