@@ -7,6 +7,7 @@ pub mod network;
 pub mod point;
 pub mod problem;
 pub mod resolve;
+pub mod search;
 pub mod strict;
 pub mod study;
 pub mod task;

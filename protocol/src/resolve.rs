@@ -33,6 +33,8 @@ pub const MAX_POPULATION: u32 = 1_000_000;
 pub const MAX_STARTS: u32 = 100_000;
 /// Most optimisations of one study.
 pub const MAX_OPTIMISATIONS: usize = 32;
+/// Most simulations around one optimum.
+pub const MAX_REFINING: u32 = 5_000;
 /// Largest seed: what every JSON reader holds exactly.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
@@ -278,6 +280,7 @@ fn optimisation_at(
     faults.within(&format!("{at}/simplex_tolerance"), spec.simplex_tolerance, 0.0, 1.0);
     faults.within(&format!("{at}/clearance_margin_mm"), spec.clearance_margin_mm, -1000.0, 1000.0);
     faults.within(&format!("{at}/verify_strokes"), spec.verify_strokes.into(), 4.0, 200.0);
+    faults.within(&format!("{at}/refine_simulations"), spec.refine_simulations.into(), 0.0, MAX_REFINING.into());
     ResolvedOptimisation {
         bounds,
         sqp: SqpSettings { starts: spec.starts as usize, seed, ..SqpSettings::default() },

@@ -229,6 +229,9 @@ pub struct OptimisationSpec {
     /// Strokes of the re-simulation of the optimum (UVLM); more strokes, smaller standard error.
     #[serde(default = "verify_strokes")]
     pub verify_strokes: u32,
+    /// Most simulations around the optimum, until prediction and simulation agree; 0 leaves it as found.
+    #[serde(default = "refine_simulations")]
+    pub refine_simulations: u32,
 }
 
 fn starts() -> u32 {
@@ -254,4 +257,7 @@ fn simplex_tolerance() -> f64 {
 }
 fn verify_strokes() -> u32 {
     18
+}
+fn refine_simulations() -> u32 {
+    150
 }

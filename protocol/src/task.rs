@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::point::ParameterValues;
+use crate::search::{SearchResult, SearchTask};
 use crate::study::{ModelSpec, OptimisationSpec, SurrogateSpec};
 
 /// Kind of a job.
@@ -17,6 +18,8 @@ pub enum JobKind {
     Train,
     /// Optimise on the network.
     Optimise,
+    /// One round of a search which asks for simulations.
+    Search,
 }
 
 /// What to compute. The bulk (`dataset`, `network`) is filled in by the
@@ -31,6 +34,8 @@ pub enum Task {
     Train(TrainTask),
     /// Optimise on the network.
     Optimise(OptimiseTask),
+    /// One round of a search.
+    Search(SearchTask),
 }
 
 /// One simulation.
@@ -201,6 +206,8 @@ pub enum JobResult {
     Train(Box<TrainResult>),
     /// Of an optimisation.
     Optimise(Box<OptimiseResult>),
+    /// Of a round of a search.
+    Search(Box<SearchResult>),
 }
 
 /// Mean and standard error.

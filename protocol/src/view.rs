@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use crate::ids::{JobId, StudyId, WorkerId};
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
+use crate::search::Standing;
 use crate::study::StudySpec;
 use crate::task::{EpochMessage, ErrorsMessage, JobKind, Optimality, Progress, Provenance, Scaled, SimulateResult};
 use crate::task::{OptimiseResult, ScaledEstimates};
@@ -22,6 +23,8 @@ pub enum StudyState {
     Optimising,
     /// Optima are simulated again.
     Verifying,
+    /// Optima are refined by further simulations.
+    Refining,
     /// Done.
     Succeeded,
     /// A stage could not be finished.
@@ -40,6 +43,7 @@ impl StudyState {
             Self::Training => "training",
             Self::Optimising => "optimising",
             Self::Verifying => "verifying",
+            Self::Refining => "refining",
             Self::Succeeded => "succeeded",
             Self::Failed => "failed",
             Self::Cancelled => "cancelled",
@@ -106,6 +110,7 @@ pub struct StageSeconds {
     pub training: Option<f64>,
     pub optimising: Option<f64>,
     pub verifying: Option<f64>,
+    pub refining: Option<f64>,
 }
 
 /// A whole study. `GET /v1/studies/{study}`
@@ -190,6 +195,19 @@ pub struct OptimumView {
     pub simulated: Option<SimulateResult>,
     /// Simulated minus predicted.
     pub gap: Option<Scaled>,
+    /// How the search around it stands, once it has begun.
+    pub search: Option<SearchView>,
+}
+
+/// A search which asks for simulations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SearchView {
+    /// How it stands after its last round.
+    pub standing: Standing,
+    /// Why it ended; none while it goes on.
+    pub ended: Option<String>,
+    /// Whether it ended because prediction and simulation agree, or the fitness stands still.
+    pub converged: bool,
 }
 
 /// How far an optimisation is.
@@ -202,6 +220,8 @@ pub enum OptimumStatus {
     Optimised,
     /// Simulated again.
     Verified,
+    /// Refined until the search ended.
+    Refined,
     /// A job of it died.
     Failed,
 }
@@ -263,6 +283,8 @@ pub struct OptimumResult {
     /// What the constraints cost, and how exact the optimum is; absent for `paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub optimality: Option<Optimality>,
+    /// The refined optimum, once the search around the first has begun.
+    pub refined: Option<SearchView>,
 }
 
 /// A job in a list. `GET /v1/studies/{study}/jobs`
@@ -302,6 +324,10 @@ pub enum JobRole {
     Optimise,
     /// An optimum flown again.
     Verify,
+    /// One round of a search.
+    Search,
+    /// A stroke which a search asked for.
+    Probe,
 }
 
 /// One page of a list.

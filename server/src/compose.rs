@@ -5,6 +5,7 @@ use std::time::Duration;
 use manduca_numerics::uvlm;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::ResolvedStudy;
+use manduca_protocol::search::{FlownMessage, SearchNext, SearchResult, SearchTask};
 use manduca_protocol::study::{ModelKind, StudySpec};
 use manduca_protocol::task::{
     JobKind, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
@@ -13,14 +14,14 @@ use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
 
 use crate::draw::simulate_task;
-use crate::store::{Leased, StoreError, kind_of};
+use crate::store::{Leased, StoreError, kind_of, optimisation_of_probe, round_of};
 
 /// How long a job may compute before it is taken for an endless one.
 fn run_limit(kind: JobKind) -> Duration {
     match kind {
         JobKind::Simulate => Duration::from_secs(600),
         JobKind::Train => Duration::from_secs(4 * 3600),
-        JobKind::Optimise => Duration::from_secs(2 * 3600),
+        JobKind::Optimise | JobKind::Search => Duration::from_secs(2 * 3600),
     }
 }
 
@@ -47,6 +48,7 @@ pub(crate) fn simulation(spec: &StudySpec, role: JobRole, ordinal: u32, paramete
     let point = serde_json::from_str(parameters).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     Ok(Task::Simulate(match role {
         JobRole::Verify => verify_task(spec, ordinal, ParameterValues(point)),
+        JobRole::Probe => probe_task(spec, ordinal, ParameterValues(point)),
         _ => simulate_task(spec, &point),
     }))
 }
@@ -62,6 +64,11 @@ pub(crate) fn verify_task(spec: &StudySpec, ordinal: u32, parameters: ParameterV
         }
     }
     SimulateTask { model, parameters }
+}
+
+/// The simulation of a stroke which a search asked for: as exact as that of an optimum.
+pub(crate) fn probe_task(spec: &StudySpec, ordinal: u32, parameters: ParameterValues) -> SimulateTask {
+    verify_task(spec, optimisation_of_probe(ordinal), parameters)
 }
 
 /// The training on a study's samples, from where an earlier attempt stood.
@@ -99,5 +106,35 @@ pub(crate) fn optimise_task(
         optimisation: optimisation.clone(),
         seed: spec.seed,
         surrogate,
+    }))
+}
+
+/// A round of one of a study's searches, after the round before and the strokes it asked for.
+pub(crate) fn search_task(
+    spec: &StudySpec,
+    study: &ResolvedStudy,
+    ordinal: u32,
+    surrogate: Option<SurrogateMessage>,
+    before: Option<SearchResult>,
+    flown: Vec<FlownMessage>,
+) -> Result<Task, StoreError> {
+    let (index, _) = round_of(ordinal);
+    let (Some(optimisation), Some(resolved)) =
+        (spec.optimisations.get(index as usize), study.optimisations.get(index as usize))
+    else {
+        return Err(StoreError::Corrupt(format!("the study has no optimisation {index}")));
+    };
+    let state = before.and_then(|result| match result.next {
+        SearchNext::Fly { state, .. } => Some(state),
+        SearchNext::Done { .. } => None,
+    });
+    Ok(Task::Search(SearchTask {
+        model: spec.model.clone(),
+        bounds: (&resolved.bounds).into(),
+        optimisation: optimisation.clone(),
+        seed: spec.seed,
+        surrogate,
+        state,
+        flown,
     }))
 }

@@ -3,12 +3,13 @@
 
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::network;
+use manduca_protocol::search::SearchNext;
 use manduca_protocol::task::{JobKind, JobResult, SimulateOutcome, TrainCheckpoint, TrainResult};
 use manduca_protocol::view::SurrogateView;
 use manduca_protocol::worker::Completion;
 
 use crate::error::ApiError;
-use crate::store::{Outcome, Prepared, pack};
+use crate::store::{Outcome, Prepared, STROKES, pack};
 
 /// A result as it goes into the store.
 ///
@@ -20,6 +21,7 @@ pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
     let (kind, json, summary) = match result {
         JobResult::Simulate(result) => (JobKind::Simulate, to_json(&*result)?, None),
         JobResult::Optimise(result) => (JobKind::Optimise, to_json(&*result)?, None),
+        JobResult::Search(result) => (JobKind::Search, to_json(&*result)?, None),
         JobResult::Train(result) => {
             let json = to_json(&*result)?;
             let summary = String::from_utf8(to_json(&summary(*result))?).map_err(internal)?;
@@ -46,6 +48,7 @@ fn outcome(result: &JobResult) -> Outcome {
         JobResult::Simulate(r) => &r.solver_version,
         JobResult::Train(r) => &r.solver_version,
         JobResult::Optimise(r) => &r.solver_version,
+        JobResult::Search(r) => &r.solver_version,
     };
     if version != SOLVER_VERSION {
         return Outcome::Unusable(format!("computed by solver version `{version}`, not `{SOLVER_VERSION}`"));
@@ -60,6 +63,12 @@ fn outcome(result: &JobResult) -> Outcome {
             Err(why) => Outcome::Unusable(format!("not a surrogate: {why}")),
         },
         JobResult::Optimise(_) => Outcome::Succeeded,
+        JobResult::Search(r) => match &r.next {
+            SearchNext::Fly { strokes, .. } if strokes.is_empty() || strokes.len() > STROKES as usize => {
+                Outcome::Unusable(format!("asks for {} strokes; 1 to {STROKES} are possible", strokes.len()))
+            }
+            _ => Outcome::Succeeded,
+        },
     }
 }
 

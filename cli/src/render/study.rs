@@ -4,8 +4,9 @@ use std::io;
 
 use manduca_numerics::cases::{CASES, Case, case};
 use manduca_numerics::parameters::OUTPUTS;
+use manduca_protocol::search::Standing;
 use manduca_protocol::task::Optimality;
-use manduca_protocol::view::{OptimumResult, StageSeconds, StudyResult};
+use manduca_protocol::view::{OptimumResult, SearchView, StageSeconds, StudyResult};
 
 use super::{dash, estimate, estimates, fixed, parameter_rows, scaled};
 use crate::output::Output;
@@ -38,8 +39,13 @@ pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
 
 /// Wall time of each stage.
 pub fn stages(s: &StageSeconds) -> String {
-    let all =
-        [("sampling", s.sampling), ("training", s.training), ("optimising", s.optimising), ("verifying", s.verifying)];
+    let all = [
+        ("sampling", s.sampling),
+        ("training", s.training),
+        ("optimising", s.optimising),
+        ("verifying", s.verifying),
+        ("refining", s.refining),
+    ];
     let known = all.into_iter().filter_map(|(name, time)| Some(format!("{name} {}", span(time?))));
     known.collect::<Vec<_>>().join(", ")
 }
@@ -63,12 +69,21 @@ fn published(name: &str) -> &'static Case {
 fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
     let paper = published(&optimum.name);
     out.heading(format_args!("{} beside {}", optimum.name, paper.title))?;
-    let points = [optimum.parameters.map(|p| p.0), Some(paper.parameters)];
-    let header = ["parameter", "this study", "paper"].map(String::from);
-    out.table(&header, &parameter_rows(&points))?;
+    let found = optimum.parameters.map(|p| p.0);
+    let refined = optimum.refined.as_ref().and_then(|r| r.standing.best.as_ref());
+    let refined = refined.map(|best| Some(best.parameters.0));
+    let points: Vec<_> = [found].into_iter().chain(refined).chain([Some(paper.parameters)]).collect();
+    let columns = if refined.is_some() { vec!["network's", "refined"] } else { vec!["this study"] };
+    out.table(&header("parameter", &columns), &parameter_rows(&points))?;
     out.line("")?;
-    let header = ["mean", "predicted", "simulated ± se", "paper"].map(String::from);
-    out.table(&header, &means(optimum, paper))?;
+    let columns = match refined {
+        Some(_) => vec!["predicted", "simulated ± se", "refined: predicted", "simulated ± se"],
+        None => vec!["predicted", "simulated ± se"],
+    };
+    out.table(&header("mean", &columns), &means(optimum, paper))?;
+    if let Some(search) = &optimum.refined {
+        out.line(refinement(search))?;
+    }
     if let Some(reason) = &optimum.infeasible {
         out.line(format_args!("the optimum cannot be flown: {reason}"))?;
     }
@@ -98,8 +113,22 @@ fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
     ))
 }
 
+fn header(first: &str, columns: &[&str]) -> Vec<String> {
+    [first].iter().chain(columns).chain(&["paper"]).map(|s| (*s).to_owned()).collect()
+}
+
+/// What refining cost and how it ended.
+fn refinement(search: &SearchView) -> String {
+    let Standing { rounds, simulations, .. } = &search.standing;
+    let ended = search.ended.as_deref().unwrap_or("it goes on");
+    format!("refined by {simulations} simulations in {rounds} rounds: {ended}")
+}
+
 /// An optimum is worth what the network knew there, and the re-simulation tells.
 fn doubt(optimum: &OptimumResult) -> Option<String> {
+    if optimum.refined.as_ref().is_some_and(|r| r.converged) {
+        return None;
+    }
     let (predicted, simulated) = (scaled(optimum.predicted.as_ref()?), estimates(optimum.simulated.as_ref()?));
     let gaps = predicted.iter().zip(&simulated).map(|(p, s)| (p - s.mean).abs());
     let worst = gaps.fold(0.0, f64::max);
@@ -110,21 +139,37 @@ fn doubt(optimum: &OptimumResult) -> Option<String> {
 fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
     let predicted = optimum.predicted.as_ref().map(scaled);
     let simulated = optimum.simulated.as_ref().map(estimates);
+    let standing = optimum.refined.as_ref().map(|r| &r.standing);
+    let again = standing.map(|s| {
+        let simulated = s.best.as_ref().and_then(|best| best.scaled.as_ref()).map(estimates);
+        (s.predicted.as_ref().map(scaled), simulated)
+    });
     let published = [Some(paper.paper_lift), Some(0.0), Some(0.0), paper.paper_power_mw.map(|p| p / 84.2)];
     let mut rows: Vec<Vec<String>> = OUTPUTS
         .iter()
         .enumerate()
         .map(|(i, (name, _, symbol, _))| {
-            vec![
+            let mut row = vec![
                 format!("{symbol} {}", name.replace('_', " ")),
                 predicted.map_or_else(dash, |p| fixed(p[i], 4)),
                 simulated.map_or_else(dash, |s| estimate(&s[i])),
-                published[i].map_or_else(dash, |p| format!("{p:.3}")),
-            ]
+            ];
+            if let Some((predicted, simulated)) = &again {
+                row.push(predicted.map_or_else(dash, |p| fixed(p[i], 4)));
+                row.push(simulated.as_ref().map_or_else(dash, |s| estimate(&s[i])));
+            }
+            row.push(published[i].map_or_else(dash, |p| format!("{p:.3}")));
+            row
         })
         .collect();
     let per_lift = optimum.power_per_lift_w_per_n.map_or_else(dash, |p| format!("{p:.3}"));
-    rows.push(vec!["P/L [W/N]".into(), dash(), per_lift, format!("{:.2}", paper.paper_power_per_lift)]);
+    let mut last = vec!["P/L [W/N]".into(), dash(), per_lift];
+    if again.is_some() {
+        last.push(dash());
+        last.push(standing.and_then(|s| s.power_per_lift_w_per_n).map_or_else(dash, |p| format!("{p:.3}")));
+    }
+    last.push(format!("{:.2}", paper.paper_power_per_lift));
+    rows.push(last);
     rows
 }
 
@@ -175,6 +220,7 @@ mod tests {
                 converged: 190,
                 optima: Vec::new(),
             }),
+            refined: None,
         };
         assert_eq!(doubt(&optimum), None);
         let wrong = Some(Scaled { lift: 1.2, drag: 0.0, pitch_moment: 0.0, power: 0.81 });

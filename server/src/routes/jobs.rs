@@ -79,9 +79,10 @@ fn position(text: &str) -> Result<(String, i64), ApiError> {
 
 fn roles(kind: JobKind) -> Vec<&'static str> {
     match kind {
-        JobKind::Simulate => vec![role_name(JobRole::Sample), role_name(JobRole::Verify)],
+        JobKind::Simulate => [JobRole::Sample, JobRole::Verify, JobRole::Probe].map(role_name).to_vec(),
         JobKind::Train => vec![role_name(JobRole::Train)],
         JobKind::Optimise => vec![role_name(JobRole::Optimise)],
+        JobKind::Search => vec![role_name(JobRole::Search)],
     }
 }
 
@@ -103,7 +104,7 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
     let store = state.store();
     let row = store.task_row(job).await?;
     let task = match row.role {
-        JobRole::Sample | JobRole::Verify => {
+        JobRole::Sample | JobRole::Verify | JobRole::Probe => {
             let parameters = row.parameters.unwrap_or_default();
             compose::simulation(&row.spec, row.role, row.ordinal, &parameters)?
         }
@@ -116,6 +117,12 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
             let training = store.training_of(row.study).await?;
             let training = training.ok_or(ApiError::NotYet("the study has no network yet"))?;
             compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, training.surrogate)?
+        }
+        JobRole::Search => {
+            let training = store.training_of(row.study).await?;
+            let (before, flown) = store.before_round(row.study, row.ordinal).await?;
+            let surrogate = training.map(|training| training.surrogate);
+            compose::search_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate, before, flown)?
         }
     };
     Ok(Json(task))

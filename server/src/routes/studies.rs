@@ -84,7 +84,11 @@ pub(super) async fn view(state: &AppState, study: StudyId) -> Result<StudyView, 
     let mut view = state.store().study(study, now).await?;
     let moves = matches!(
         view.state,
-        StudyState::Sampling | StudyState::Training | StudyState::Optimising | StudyState::Verifying
+        StudyState::Sampling
+            | StudyState::Training
+            | StudyState::Optimising
+            | StudyState::Verifying
+            | StudyState::Refining
     );
     if moves {
         view.rate_per_s = state.rates().per_second(study, now);

@@ -9,8 +9,9 @@ use manduca_protocol::view::{JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::count::{open_jobs, read_counts};
-use super::decide::{Step, after_optimising, after_sampling, after_training, after_verifying};
+use super::decide::{Step, after_optimising, after_refining, after_sampling, after_training, after_verifying};
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
+use super::search::continue_searches;
 use super::submit::{insert_simulations, insert_stage};
 use super::{StoreError, Work, body};
 use crate::compose::verify_task;
@@ -68,6 +69,14 @@ pub(super) async fn advance(work: &mut Work<'_>, study: i64) -> Result<(), Store
         match step {
             Step::Draw(n) => draw_further(work, &row, n).await?,
             Step::Enter(stage) => enter(work, &row, stage).await?,
+            Step::Search => {
+                let spec = read_spec(work.db, row.study).await?;
+                if continue_searches(work.db, row.study, &spec).await? {
+                    work.events.push(Event::Ready);
+                } else {
+                    return end(work, &row, "succeeded", None).await;
+                }
+            }
             Step::Succeed => return end(work, &row, "succeeded", None).await,
             Step::Fail(why) => return end(work, &row, "failed", Some(why)).await,
         }
@@ -78,8 +87,10 @@ pub(super) async fn advance(work: &mut Work<'_>, study: i64) -> Result<(), Store
 async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step>, StoreError> {
     let role = row.stage.role();
     let counts = read_counts(&mut *db, row.study, role).await?;
-    if open_jobs(&counts) > 0 {
-        return Ok(None);
+    for &role in row.stage.roles() {
+        if open_jobs(&read_counts(&mut *db, row.study, role).await?) > 0 {
+            return Ok(None);
+        }
     }
     let last_failure = find_last_failure(db, row.study, role).await?;
     let last = last_failure.as_deref();
@@ -91,6 +102,11 @@ async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step
             let optimise = read_counts(&mut *db, row.study, JobRole::Optimise).await?;
             let earlier = find_last_failure(db, row.study, JobRole::Optimise).await?;
             after_verifying(&optimise, &counts, last.or(earlier.as_deref()))
+        }
+        Stage::Refining => {
+            let search = read_counts(&mut *db, row.study, JobRole::Search).await?;
+            let failure = find_last_failure(db, row.study, JobRole::Search).await?;
+            after_refining(&search, failure.as_deref())
         }
     }))
 }
@@ -131,6 +147,8 @@ async fn enter(work: &mut Work<'_>, row: &StudyRow, stage: Stage) -> Result<(), 
         Stage::Training => insert_jobs(work.db, row.study, JobRole::Train, 1).await?,
         Stage::Optimising => insert_jobs(work.db, row.study, JobRole::Optimise, row.optimisations).await?,
         Stage::Verifying => insert_verifications(work.db, row.study).await?,
+        // Its first jobs are those of its first pass through `advance`.
+        Stage::Refining => {}
     }
     work.events.push(Event::Ready);
     Ok(())

@@ -124,14 +124,18 @@ fn retried(stage: Stage) -> &'static [Stage] {
         Stage::Sampling => &[Stage::Sampling],
         Stage::Training => &[Stage::Training],
         Stage::Optimising | Stage::Verifying => &[Stage::Optimising, Stage::Verifying],
+        Stage::Refining => &[Stage::Refining],
     }
 }
 
 async fn retry_failed(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
     let mut first = None;
     for &stage in retried(row.stage) {
-        if revive_dead(work.db, row.study, stage.role()).await? > 0 {
-            first = first.or(Some(stage));
+        for &role in stage.roles() {
+            // A stroke given up has been answered: the search went on without it.
+            if role != JobRole::Probe && revive_dead(work.db, row.study, role).await? > 0 {
+                first = first.or(Some(stage));
+            }
         }
     }
     let Some(stage) = first else {

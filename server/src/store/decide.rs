@@ -16,6 +16,8 @@ pub(super) enum Step {
     Draw(u32),
     /// Goes on to a stage.
     Enter(Stage),
+    /// Goes on with its searches; done when none has anything left to do.
+    Search,
     /// Is done.
     Succeed,
     /// Cannot go on, for this reason.
@@ -67,11 +69,20 @@ pub(super) fn after_optimising(counts: &JobCounts, last_failure: Option<&str>) -
 pub(super) fn after_verifying(optimise: &JobCounts, verify: &JobCounts, last_failure: Option<&str>) -> Step {
     let dead = optimise.dead + verify.dead;
     if dead == 0 {
-        return Step::Succeed;
+        return Step::Enter(Stage::Refining);
     }
     let last = last_failure.unwrap_or("no reason is known");
     let asked = optimise.dead + optimise.succeeded;
     Step::Fail(format!("{dead} of {asked} optimisations have no verified optimum; the last failure: {last}"))
+}
+
+/// No round of a search and none of its strokes is open.
+pub(super) fn after_refining(search: &JobCounts, last_failure: Option<&str>) -> Step {
+    if search.dead == 0 {
+        return Step::Search;
+    }
+    let last = last_failure.unwrap_or("no reason is known");
+    Step::Fail(format!("{} searches failed; the last failure: {last}", search.dead))
 }
 
 #[cfg(test)]
@@ -103,7 +114,9 @@ mod tests {
     fn a_missing_answer_fails_the_study() {
         assert_eq!(after_training(&counts(1, 0, 0), 0, None), Step::Succeed);
         assert_eq!(after_optimising(&counts(1, 0, 1), None), Step::Enter(Stage::Verifying));
-        assert_eq!(after_verifying(&counts(2, 0, 0), &counts(1, 1, 0), None), Step::Succeed);
+        assert_eq!(after_verifying(&counts(2, 0, 0), &counts(1, 1, 0), None), Step::Enter(Stage::Refining));
+        assert_eq!(after_refining(&counts(3, 0, 0), None), Step::Search);
+        assert!(matches!(after_refining(&counts(3, 0, 1), Some("x")), Step::Fail(_)));
         assert!(matches!(after_verifying(&counts(1, 0, 1), &counts(1, 0, 0), Some("x")), Step::Fail(_)));
     }
 }

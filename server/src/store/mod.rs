@@ -20,6 +20,7 @@ mod read_studies;
 mod read_workers;
 mod recover;
 mod renew;
+mod search;
 mod submit;
 mod sweep;
 mod workers;
@@ -29,9 +30,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
-use sqlx::ConnectOptions;
 use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{ConnectOptions, Connection};
 
 use crate::clock::Clock;
 use crate::config::Config;
@@ -48,6 +49,7 @@ pub(crate) use exchange::{Exchange, Exchanged};
 pub(crate) use names::{kind_of, role_name, state_name};
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use recover::Recover;
+pub(crate) use search::{STROKES, optimisation_of_probe, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
 pub(crate) use workers::{Deregister, Register};
@@ -112,9 +114,8 @@ impl Store {
             .busy_timeout(BUSY)
             // Decisions are logged by what they mean, not as statements.
             .disable_statement_logging();
-        let mut connection = options.connect().await?;
-        // Not `run`, whose future the compiler cannot prove to be free to move between threads.
-        MIGRATIONS.run_direct(None, &mut connection, false).await?;
+        migrate(&options).await?;
+        let connection = options.connect().await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(config.readers)
             .connect_with(options.pragma("query_only", "on"))
@@ -145,6 +146,17 @@ impl Store {
     }
 }
 
+/// Brings the tables up to date. A migration which copies a table needs foreign
+/// keys off; whether all still lead somewhere is checked afterwards.
+async fn migrate(options: &SqliteConnectOptions) -> Result<(), OpenError> {
+    let mut connection = options.clone().foreign_keys(false).connect().await?;
+    // Not `run`, whose future the compiler cannot prove to be free to move between threads.
+    MIGRATIONS.run_direct(None, &mut connection, false).await?;
+    let loose = sqlx::query("pragma foreign_key_check").fetch_all(&mut connection).await?;
+    connection.close().await?;
+    if loose.is_empty() { Ok(()) } else { Err(OpenError::Loose(loose.len())) }
+}
+
 /// Why the store could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
@@ -157,4 +169,7 @@ pub enum OpenError {
     /// The tables could not be brought up to date.
     #[error("the tables of the database could not be brought up to date")]
     Migration(#[from] MigrateError),
+    /// Rows refer to others which are not there.
+    #[error("the database is damaged: {0} rows refer to others which are not there")]
+    Loose(usize),
 }

@@ -17,6 +17,7 @@ pub(crate) enum Stage {
     Training,
     Optimising,
     Verifying,
+    Refining,
 }
 
 /// Whether a study moves.
@@ -37,16 +38,29 @@ impl Stage {
             Self::Training => "training",
             Self::Optimising => "optimising",
             Self::Verifying => "verifying",
+            Self::Refining => "refining",
         }
     }
 
-    /// What the stage's jobs are for.
+    /// What most of the stage's jobs are for.
     pub(crate) fn role(self) -> JobRole {
         match self {
             Self::Sampling => JobRole::Sample,
             Self::Training => JobRole::Train,
             Self::Optimising => JobRole::Optimise,
             Self::Verifying => JobRole::Verify,
+            Self::Refining => JobRole::Probe,
+        }
+    }
+
+    /// All that jobs of the stage are for.
+    pub(crate) fn roles(self) -> &'static [JobRole] {
+        match self {
+            Self::Sampling => &[JobRole::Sample],
+            Self::Training => &[JobRole::Train],
+            Self::Optimising => &[JobRole::Optimise],
+            Self::Verifying => &[JobRole::Verify],
+            Self::Refining => &[JobRole::Search, JobRole::Probe],
         }
     }
 
@@ -57,6 +71,7 @@ impl Stage {
             Self::Training => StudyState::Training,
             Self::Optimising => StudyState::Optimising,
             Self::Verifying => StudyState::Verifying,
+            Self::Refining => StudyState::Refining,
         }
     }
 }
@@ -81,15 +96,18 @@ pub(crate) fn role_name(role: JobRole) -> &'static str {
         JobRole::Train => "train",
         JobRole::Optimise => "optimise",
         JobRole::Verify => "verify",
+        JobRole::Search => "search",
+        JobRole::Probe => "probe",
     }
 }
 
 /// The computation a role asks for.
 pub(crate) fn kind_of(role: JobRole) -> JobKind {
     match role {
-        JobRole::Sample | JobRole::Verify => JobKind::Simulate,
+        JobRole::Sample | JobRole::Verify | JobRole::Probe => JobKind::Simulate,
         JobRole::Train => JobKind::Train,
         JobRole::Optimise => JobKind::Optimise,
+        JobRole::Search => JobKind::Search,
     }
 }
 

@@ -106,6 +106,7 @@ impl Store {
                 Stage::Training => &mut seconds.training,
                 Stage::Optimising => &mut seconds.optimising,
                 Stage::Verifying => &mut seconds.verifying,
+                Stage::Refining => &mut seconds.refining,
             };
             *slot = Some((ended.unwrap_or(now) - started).max(0) as f64 / 1000.0);
         }
@@ -150,14 +151,16 @@ impl Store {
             let dead = [&optimised, &verified].iter().any(|job| matches!(job, Some(None)));
             let optimum: Option<OptimiseResult> = optimised.flatten().map(body::parse).transpose()?;
             let simulated: Option<SimulateResult> = verified.flatten().map(body::parse).transpose()?;
+            let search = self.search_of(head.study, unsigned(ordinal)?).await?;
             let status = match (&optimum, &simulated) {
                 _ if dead => OptimumStatus::Failed,
+                _ if search.as_ref().is_some_and(|s| s.ended.is_some()) => OptimumStatus::Refined,
                 (Some(_), Some(_)) => OptimumStatus::Verified,
                 (Some(_), None) => OptimumStatus::Optimised,
                 (None, _) => OptimumStatus::Pending,
             };
             let gap = optimum.as_ref().zip(simulated.as_ref()).and_then(|(o, s)| gap(o, s));
-            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap });
+            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap, search });
         }
         Ok(optima)
     }
@@ -210,7 +213,7 @@ async fn list_ended(db: &SqlitePool, study: i64, role: JobRole) -> Result<BTreeM
 
 /// Where the one long job of a stage is; of many short ones the counts tell.
 async fn find_progress(db: &SqlitePool, study: i64, stage: Stage) -> Result<Option<Progress>, StoreError> {
-    if matches!(stage, Stage::Sampling | Stage::Verifying) {
+    if matches!(stage, Stage::Sampling | Stage::Verifying | Stage::Refining) {
         return Ok(None);
     }
     let progress: Option<String> = sqlx::query_scalar(

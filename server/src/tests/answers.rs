@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 
 /// A small study.
 pub(super) fn study(samples: u32, optimisations: &[&str]) -> Value {
-    let optimisations: Vec<_> = optimisations.iter().map(|name| json!({ "name": name })).collect();
+    let optimisations: Vec<_> =
+        optimisations.iter().map(|name| json!({ "name": name, "refine_simulations": 0 })).collect();
     json!({ "name": "small", "seed": 5, "sampling": { "samples": samples }, "optimisations": optimisations })
 }
 
@@ -34,6 +35,7 @@ pub(super) fn result(lease: &Lease) -> Value {
         }
         JobKind::Train => trained(),
         JobKind::Optimise => optimised(),
+        JobKind::Search => search_ended(),
     }
 }
 
@@ -68,6 +70,35 @@ pub(super) fn trained() -> Value {
         "best_iterations": [0], "stops": ["patience"], "train": errors, "validation": errors, "test": errors,
         "solver_version": SOLVER_VERSION
     })
+}
+
+/// A round which asks for strokes of these frequencies.
+pub(super) fn search_asks(round: u32, frequencies: &[f64]) -> Value {
+    let strokes: Vec<Value> = frequencies.iter().map(|f| parameters(*f)).collect();
+    let state = json!({ "search": "refine", "round": round, "radius": 0.1, "candidate": 1, "predicted": [1.0, 0.0, 0.0, 1.0],
+        "flown": [] });
+    json!({
+        "kind": "search", "next": { "next": "fly", "state": state, "strokes": strokes }, "standing": standing(round),
+        "solver_version": SOLVER_VERSION
+    })
+}
+
+pub(super) fn search_ended() -> Value {
+    json!({
+        "kind": "search", "next": { "next": "done", "reason": "they agree", "converged": true },
+        "standing": standing(2), "solver_version": SOLVER_VERSION
+    })
+}
+
+fn standing(rounds: u32) -> Value {
+    json!({ "rounds": rounds, "simulations": 4, "radius": 0.1, "best": null, "predicted": null,
+        "power_per_lift_w_per_n": 4.4, "history": [[0.1, 1.0]] })
+}
+
+fn parameters(frequency_hz: f64) -> Value {
+    let mut parameters = optimised()["parameters"].clone();
+    parameters["frequency_hz"] = frequency_hz.into();
+    parameters
 }
 
 pub(super) fn optimised() -> Value {

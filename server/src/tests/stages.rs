@@ -1,9 +1,9 @@
 //! A study from submission to its answer.
 
-use manduca_protocol::task::Task;
+use manduca_protocol::task::{JobKind, Task};
 use serde_json::json;
 
-use super::answers::{completion, infeasible, result, study};
+use super::answers::{completion, infeasible, result, search_asks, search_ended, study};
 use super::bench::Bench;
 
 #[tokio::test]
@@ -121,4 +121,65 @@ async fn a_study_nothing_of_which_can_be_flown_fails_with_a_sentence() {
     assert_eq!((view["state"].as_str(), view["samples"]["infeasible"].as_u64()), (Some("failed"), Some(40)));
     assert!(view["failure"].as_str().is_some_and(|why| why.contains("too few")), "{view}");
     bench.post(&format!("{study}/retry-failed"), "").await.problem(409, "wrong-state");
+}
+
+#[tokio::test]
+async fn rounds_of_a_search_and_their_strokes_take_turns() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("w").await;
+    let mut asked = study(20, &["one"]);
+    asked["optimisations"][0]["refine_simulations"] = json!(50);
+    let study = bench.submit(&asked).await;
+    // Samples, training, optimisation and its verification.
+    for expected in [20, 1, 1, 1] {
+        let leases = bench.claim(&worker, 100).await;
+        assert_eq!(leases.len(), expected);
+        let results: Vec<_> = leases.iter().map(|l| completion(l, result(l))).collect();
+        bench.exchange(&worker, json!({ "complete": results })).await;
+    }
+    assert_eq!(bench.view(&study).await["state"], "refining");
+    let first = bench.claim(&worker, 100).await;
+    assert_eq!((first.len(), first[0].kind), (1, JobKind::Search));
+    let task = bench.get(&format!("/v1/jobs/{}/task", first[0].job)).await.json();
+    assert!(task["state"].is_null() && task["surrogate"].is_object(), "{task}");
+    assert_eq!(task["flown"][0]["parameters"]["frequency_hz"], 25.5);
+    bench.complete(&worker, &first[0], search_asks(1, &[26.0, 27.0, 28.0])).await;
+
+    let strokes = bench.claim(&worker, 100).await;
+    assert_eq!(strokes.len(), 3);
+    let Some(Task::Simulate(task)) = &strokes[0].task else { panic!("not a simulation") };
+    assert_eq!(task.model.solver.get("strokes"), Some(&18.0), "as exact as the verification");
+    assert!(bench.claim(&worker, 100).await.is_empty(), "the next round waits for every stroke");
+    // One of them cannot be flown.
+    bench.complete(&worker, &strokes[0], result(&strokes[0])).await;
+    bench.complete(&worker, &strokes[1], infeasible("the wings cross")).await;
+    bench.complete(&worker, &strokes[2], result(&strokes[2])).await;
+
+    let second = bench.claim(&worker, 100).await;
+    let task = bench.get(&format!("/v1/jobs/{}/task", second[0].job)).await.json();
+    assert_eq!((&task["state"]["round"], task["flown"].as_array().map(Vec::len)), (&json!(1), Some(3)));
+    assert!(task["flown"][1]["scaled"].is_null() && task["flown"][2]["scaled"].is_object(), "{task}");
+    bench.complete(&worker, &second[0], search_ended()).await;
+    let view = bench.view(&study).await;
+    assert_eq!((&view["state"], &view["optimisations"][0]["status"]), (&json!("succeeded"), &json!("refined")));
+    let optimum = bench.get(&format!("{study}/optimum")).await.json();
+    assert_eq!(optimum["optimisations"][0]["refined"]["ended"], "they agree");
+    bench.check_counts().await;
+}
+
+#[tokio::test]
+async fn a_round_which_asks_for_nothing_is_no_result() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("w").await;
+    let mut asked = study(20, &["one"]);
+    asked["optimisations"][0]["refine_simulations"] = json!(50);
+    let study = bench.submit(&asked).await;
+    for _ in 0..4 {
+        let results: Vec<_> = bench.claim(&worker, 100).await.iter().map(|l| completion(l, result(l))).collect();
+        bench.exchange(&worker, json!({ "complete": results })).await;
+    }
+    let round = bench.claim(&worker, 100).await;
+    let told = bench.exchange(&worker, json!({ "complete": [completion(&round[0], search_asks(1, &[]))] })).await;
+    assert!(told.rejected[0].reason.contains("asks for 0 strokes"), "{:?}", told.rejected);
+    assert_eq!(bench.view(&study).await["state"], "refining");
 }
