@@ -140,7 +140,7 @@ fn what_was_answered_is_kept_by_a_coordinator_killed_again_and_again() {
 fn a_training_outlives_its_worker() {
     let mut study = blades("training", 13, 800);
     study["optimisations"] = json!([]);
-    study["surrogate"] = json!({ "neurons": 60, "max_iterations": 1500, "patience": 1000, "ensemble": 8 });
+    study["surrogate"] = json!({ "neurons": 60, "max_iterations": 1500, "patience": 1000, "ensemble": 4 });
     let coordinator = Coordinator::start();
     let id = coordinator.submit(&study);
     let mut doomed = coordinator.worker("doomed");
