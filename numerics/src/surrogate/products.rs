@@ -154,8 +154,7 @@ impl Products {
     /// Adds the panel's share of Z'Z and [H E]'Z.
     fn add_hidden(&mut self, start: usize, rows: usize) {
         let (h, p) = (self.h, self.p);
-        let (b, weights) = (&self.b, &self.data.weights[start..start + rows]);
-        let inputs = &self.data.inputs;
+        let (b, inputs) = (&self.b, &self.data.inputs);
         let value = |q: usize, n: usize| inputs.get(q).map_or(1.0, |x| x[start + n]);
         let pairs: Vec<(usize, usize)> = (0..p).flat_map(|i| (0..=i).map(move |q| (i, q))).collect();
         let singles = Monomials::new(p, rows, value);
@@ -164,7 +163,6 @@ impl Products {
         let column = |j: usize, from: usize, w: &mut [f64]| {
             w.copy_from_slice(&b.col_as_slice(j)[from..from + w.len()]);
         };
-        debug_assert_eq!(weights.len(), rows);
         add_sums(&self.slopes, &singles, h, &mut self.bz, |_| h, column);
     }
 
