@@ -1,7 +1,6 @@
 //! Searches which ask for simulations: a chain of short jobs, state in, next
 //! strokes out, so that no job ever waits for another.
 
-use manduca_numerics::parameters::Point;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -44,8 +43,6 @@ pub struct SearchTask {
 pub enum SearchState {
     /// Of a trust region around a surrogate's optimum.
     Refine(RefineState),
-    /// Of a genetic algorithm with the simulation as its fitness.
-    Direct(DirectState),
 }
 
 /// A trust region between two rounds.
@@ -61,22 +58,6 @@ pub struct RefineState {
     pub predicted: Option<[f64; 4]>,
     /// Every stroke flown before this round's.
     pub flown: Vec<FlownMessage>,
-}
-
-/// A genetic algorithm between two generations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct DirectState {
-    /// Unit coordinates of the population, those which need not be flown again first.
-    #[schema(value_type = Vec<Vec<f64>>)]
-    pub units: Vec<Point>,
-    /// Fitnesses of those which need not be flown again.
-    pub known: Vec<f64>,
-    /// Best and mean fitness of every generation.
-    pub history: Vec<[f64; 2]>,
-    /// The best stroke so far and its fitness.
-    pub best: Option<(FlownMessage, f64)>,
-    /// Strokes flown before this generation's.
-    pub simulations: u32,
 }
 
 /// What a round of a search returns.
@@ -125,6 +106,6 @@ pub struct Standing {
     pub predicted: Option<Scaled>,
     /// Simulated power per lift of the best stroke, W/N.
     pub power_per_lift_w_per_n: Option<f64>,
-    /// |1 - L+| + |D+| + |M+| and P+ of the best stroke, or fitness best and mean, round by round.
+    /// |1 - L+| + |D+| + |M+| and P+ of the best stroke after each stroke flown.
     pub history: Vec<[f64; 2]>,
 }

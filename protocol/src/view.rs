@@ -206,7 +206,7 @@ pub struct SearchView {
     pub standing: Standing,
     /// Why it ended; none while it goes on.
     pub ended: Option<String>,
-    /// Whether it ended because prediction and simulation agree, or the fitness stands still.
+    /// Whether it ended because prediction and simulation agree.
     pub converged: bool,
 }
 

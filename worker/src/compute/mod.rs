@@ -2,6 +2,7 @@
 //! messages and science meet.
 
 mod optimise;
+mod search;
 mod simulate;
 mod train;
 
@@ -48,6 +49,7 @@ pub fn run(task: &Task, listener: &mut dyn Listener) -> Result<JobResult, Comput
         Task::Optimise(task) => {
             JobResult::Optimise(Box::new(optimise::optimise(task, &mut |at| listener.progress(at))?))
         }
+        Task::Search(task) => JobResult::Search(Box::new(search::search(task)?)),
     })
 }
 
