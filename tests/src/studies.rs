@@ -15,7 +15,7 @@ pub fn lattice(name: &str, seed: u64, samples: u32) -> Value {
         "sampling": { "samples": samples },
         "surrogate": { "neurons": 6, "max_iterations": 30 },
         "optimisations": [
-            { "name": "free", "population": 200, "generations": 20, "verify_strokes": 4 },
+            { "name": "free", "population": 200, "generations": 20, "verify_strokes": 4, "refine_simulations": 30 },
         ],
     })
 }

@@ -30,7 +30,7 @@ impl Operation for AddOptimisation {
             }
             return Err(StoreError::WrongState("the study has another optimisation of this name".into()));
         }
-        let has_network = matches!(row.stage, Stage::Optimising | Stage::Verifying);
+        let has_network = matches!(row.stage, Stage::Optimising | Stage::Verifying | Stage::Refining);
         match row.condition {
             Condition::Succeeded => {}
             Condition::Failed if has_network => {}

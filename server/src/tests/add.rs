@@ -17,7 +17,7 @@ async fn finished(bench: &Bench, worker: &str, names: &[&str]) -> String {
 
 fn case() -> Value {
     json!({ "name": "case II", "method": "sqp", "parameters": { "stroke_plane_deg": 15.0 }, "starts": 9,
-            "verify_strokes": 30 })
+            "verify_strokes": 30, "refine_simulations": 0 })
 }
 
 #[tokio::test]

@@ -48,7 +48,7 @@ fn assert_answered(coordinator: &Coordinator, id: &str, samples: u64) {
     let result = coordinator.get(&format!("/v1/studies/{id}/optimum"));
     assert_eq!((&result["state"], &result["samples"]["succeeded"]), (&json!("succeeded"), &json!(samples)));
     let optimum = &result["optimisations"][0];
-    assert_eq!((&optimum["name"], &optimum["status"]), (&json!("free"), &json!("verified")));
+    assert_eq!((&optimum["name"], &optimum["status"]), (&json!("free"), &json!("refined")));
     for name in ["lift", "drag", "pitch_moment", "power"] {
         assert!(optimum["predicted"][name].is_number(), "{name} in {optimum}");
         assert!(optimum["simulated"][name]["mean"].is_number(), "{name} in {optimum}");

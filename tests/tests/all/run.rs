@@ -46,6 +46,9 @@ fn run_prints_one_object_and_a_second_run_finds_it() {
     let first = one_object(&outcome(folder.path(), &command));
     assert_has(&first, &["/study", "/samples/succeeded", "/samples/infeasible", "/samples/dead"]);
     assert_has(&first, &["/stages_s/sampling", "/stages_s/training", "/stages_s/optimising", "/stages_s/verifying"]);
+    assert_has(&first, &["/stages_s/refining", "/optimisations/0/refined/ended"]);
+    let flown = first["optimisations"][0]["refined"]["standing"]["simulations"].as_u64();
+    assert!(flown.is_some_and(|flown| (1..=30).contains(&flown)), "{first}");
     assert_has(&first, &["/optimisations/0/name", "/optimisations/0/power_per_lift_w_per_n"]);
     assert_eq!(first["optimisations"][0]["parameters"].as_object().unwrap().len(), 10);
     for name in OUTPUTS {

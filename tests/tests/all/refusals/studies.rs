@@ -168,6 +168,11 @@ pub fn optimisations() -> Vec<Refusal> {
         Refusal::study("nobody", with("population", json!(0)), "/optimisations/0/population"),
         Refusal::study("a negative penalty", with("penalty_r", json!(-1)), "/optimisations/0/penalty_r"),
         Refusal::study("too few strokes", with("verify_strokes", json!(1)), "/optimisations/0/verify_strokes"),
+        Refusal::study(
+            "too much refining",
+            with("refine_simulations", json!(100_000)),
+            "/optimisations/0/refine_simulations",
+        ),
     ]
 }
 
