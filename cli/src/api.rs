@@ -1,9 +1,10 @@
 //! A coordinator as the command line sees it.
 
 use anyhow::{Context, Result};
-use manduca_protocol::ids::StudyId;
+use manduca_protocol::ids::{JobId, StudyId};
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
-use manduca_protocol::view::{OptimumView, Page, StudyResult, StudySummary, StudyView};
+use manduca_protocol::task::{JobKind, Task};
+use manduca_protocol::view::{JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView};
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
 
@@ -67,6 +68,22 @@ impl Api {
     /// Its optima.
     pub async fn result(&self, id: StudyId) -> Result<StudyResult, CallError> {
         http::call(self.http.get(&format!("/v1/studies/{id}/optimum"))).await
+    }
+
+    /// Its training.
+    pub async fn surrogate(&self, id: StudyId) -> Result<SurrogateView, CallError> {
+        http::call(self.http.get(&format!("/v1/studies/{id}/surrogate"))).await
+    }
+
+    /// The first jobs of a kind.
+    pub async fn jobs(&self, id: StudyId, kind: JobKind) -> Result<Vec<JobView>, CallError> {
+        let request = self.http.get(&format!("/v1/studies/{id}/jobs")).query(&[("kind", kind)]);
+        Ok(http::call::<Page<JobView>>(request).await?.items)
+    }
+
+    /// What a job computes, with all its data.
+    pub async fn task(&self, job: JobId) -> Result<Task, CallError> {
+        http::call(self.http.get(&format!("/v1/jobs/{job}/task"))).await
     }
 
     /// Asks for a further optimum on its network.

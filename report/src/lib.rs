@@ -13,6 +13,7 @@ pub mod flights;
 pub mod markdown;
 pub mod output;
 pub mod plot;
+pub mod reproduction;
 pub mod sensitivity;
 pub mod validation;
 pub mod verification;

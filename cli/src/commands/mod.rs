@@ -8,6 +8,7 @@ mod lists;
 mod optimise;
 mod record;
 mod report;
+mod reproduction;
 mod run;
 mod serve;
 mod simulate;
@@ -18,7 +19,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 
-use crate::args::Command;
+use crate::args::{Command, ReportCommand};
 
 /// Does what was asked for.
 pub async fn dispatch(command: Command) -> Result<ExitCode> {
@@ -33,6 +34,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command),
+        Command::Report(ReportCommand::Reproduction(args)) => reproduction::reproduction(&args).await,
         Command::Report(command) => report::report(&command),
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),

@@ -21,10 +21,12 @@ pub fn report(command: &ReportCommand) -> Result<ExitCode> {
             let report = convergence::compute(effort, &mut |step| note(step)).context("the study failed")?;
             write(&args.report, report)
         }
+        // It asks a coordinator, and so has its own way.
+        ReportCommand::Reproduction(_) => Ok(ExitCode::SUCCESS),
     }
 }
 
-fn write(args: &ReportArgs, report: Report) -> Result<ExitCode> {
+pub(super) fn write(args: &ReportArgs, report: Report) -> Result<ExitCode> {
     let mut out = Output::stdout();
     for path in report.write(&args.output).with_context(|| format!("cannot write to {}", args.output.display()))? {
         out.line(path.display())?;

@@ -46,7 +46,8 @@ fn scaled(s: &Scaled) -> [f64; 4] {
     [s.lift, s.drag, s.pitch_moment, s.power]
 }
 
-fn estimates(s: &ScaledEstimates) -> [Estimate; 4] {
+/// L+, D+, M+, P+ in their order.
+pub fn estimates(s: &ScaledEstimates) -> [Estimate; 4] {
     [s.lift, s.drag, s.pitch_moment, s.power]
 }
 

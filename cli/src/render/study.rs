@@ -52,7 +52,7 @@ pub fn stages(s: &StageSeconds) -> String {
 
 /// The published case an optimisation asks to be compared with, by its name:
 /// `case-II` and `optimum 2` mean the second, `five` Table 4, anything else the first.
-fn published(name: &str) -> &'static Case {
+pub fn published(name: &str) -> &'static Case {
     let lower = name.to_lowercase();
     let words: Vec<_> = lower.split(|c: char| !c.is_ascii_alphanumeric()).collect();
     let means = |any: &[&str]| any.iter().any(|word| words.contains(word));
@@ -118,7 +118,7 @@ fn header(first: &str, columns: &[&str]) -> Vec<String> {
 }
 
 /// What refining cost and how it ended.
-fn refinement(search: &SearchView) -> String {
+pub fn refinement(search: &SearchView) -> String {
     let Standing { rounds, simulations, .. } = &search.standing;
     let ended = search.ended.as_deref().unwrap_or("it goes on");
     format!("refined by {simulations} simulations in {rounds} rounds: {ended}")

@@ -113,6 +113,11 @@ pub fn merit(y: &[f64; 4]) -> f64 {
     y[3] + PENALTY * off_trim(y)
 }
 
+/// Standard error of a merit whose parts all err to one side.
+fn noise(se: &[f64; 4]) -> f64 {
+    se[3] + PENALTY * (se[0] + se[1] + se[2])
+}
+
 /// |1 - L+| + |D+| + |M+|.
 pub fn off_trim(y: &[f64; 4]) -> f64 {
     (1.0 - y[0]).abs() + y[1].abs() + y[2].abs()
@@ -147,7 +152,8 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
     };
     let predicted = corrected.at(&candidate).0;
     let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
-    if agreed && off_trim(&here) <= TRIMMED && merit(&here) - merit(&predicted) < GAIN {
+    let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1));
+    if agreed && off_trim(&here) <= TRIMMED && merit(&here) - merit(&predicted) < doubt.max(GAIN) {
         return done(RefineStop::Agreed);
     }
     // Once a prediction held, fewer points around the next one are enough.
@@ -171,14 +177,18 @@ fn judge(flown: &[Flown], region: &Region, best: usize) -> (f64, bool) {
     let agrees = (0..4).all(|k| (y[k] - predicted[k]).abs() <= (2.0 * se[k]).max(AGREED));
     let before = flown[..candidate].iter().filter_map(|f| f.means.map(|m| merit(&m.0))).fold(f64::INFINITY, f64::min);
     let (foreseen, gained) = (before - merit(&predicted), before - merit(&y));
-    let radius = if gained > 0.7 * foreseen {
+    let doubt = noise(&se).max(GAIN);
+    // Where no more than noise was to be gained, the merit says nothing about the model.
+    let radius = if foreseen < doubt && agrees {
+        region.radius
+    } else if gained > 0.7 * foreseen {
         region.radius * 1.5
     } else if gained > 0.2 * foreseen {
         region.radius
     } else {
         region.radius * 0.5
     };
-    (radius.min(LARGEST), agrees && candidate == best)
+    (radius.min(LARGEST), agrees && (candidate == best || gained > -doubt))
 }
 
 /// The box around a point, within the bounds.

@@ -1,0 +1,110 @@
+//! `manduca report reproduction`: a finished study beside the paper.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use manduca_numerics::parameters::Bounds;
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::task::{JobKind, OptimiseTask, Scaled, Task};
+use manduca_protocol::view::{OptimumView, SearchView, StudyView};
+use manduca_protocol::{network, resolve};
+use manduca_report::reproduction::{self, Effort, Found, Optimum, Study};
+
+use crate::api::Api;
+use crate::args::ReproductionArgs;
+use crate::output::note;
+use crate::render;
+
+/// Fetches a study and writes its document.
+pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
+    let api = Api::new(&args.coordinator.url)?;
+    let id = api.find(&args.study).await?;
+    let study = fetched(&api, id).await?;
+    let effort = Effort { population: args.population, populations: args.populations.clone(), runs: args.runs };
+    let report = tokio::task::spawn_blocking(move || reproduction::compute(&study, &effort, &mut |step| note(step)));
+    super::report::write(&args.report, report.await?.context("the document failed")?)
+}
+
+async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
+    let view = api.study(id).await?;
+    let task = optimisation(api, id).await?;
+    let surrogate = network::surrogate(&task.surrogate).map_err(anyhow::Error::msg)?;
+    let resolved = resolve::study(&view.spec).map_err(|_| anyhow::anyhow!("the study is of another version"))?;
+    let training = api.surrogate(id).await?;
+    let first = training.curve.iter().filter(|e| e.network == 0);
+    Ok(Study {
+        facts: facts(api, id, &view).await?,
+        curve: first.map(|e| [f64::from(e.iteration), e.train_mse, e.validation_mse, e.test_mse]).collect(),
+        errors: training.test.map(|t| four(&t.rmse)),
+        surrogate,
+        bounds: Bounds { lower: resolved.bounds.lower, upper: resolved.bounds.upper },
+        seed: view.spec.seed,
+        optima: view.optimisations.iter().filter_map(optimum).collect(),
+    })
+}
+
+/// The task of any of the study's optimisations: it has the surrogate.
+async fn optimisation(api: &Api, id: StudyId) -> Result<OptimiseTask> {
+    let job = api.jobs(id, JobKind::Optimise).await?.into_iter().next().context("the study has no optimisation")?;
+    match api.task(job.id).await? {
+        Task::Optimise(task) => Ok(task),
+        _ => bail!("job {} is no optimisation", job.id),
+    }
+}
+
+async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, String)>> {
+    let dataset = api.dataset(id, "text/csv").await?.bytes().await.context("the dataset broke off")?;
+    let spec = &view.spec;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let facts = [
+        ("study", format!("{} ({id})", spec.name)),
+        ("seed", spec.seed.to_string()),
+        ("samples", format!("{} flown, {} infeasible", view.samples.succeeded, view.samples.infeasible)),
+        ("dataset", format!("blake3 of its CSV {}", blake3::hash(&dataset).to_hex())),
+        ("solver_version", manduca_numerics::simulation::SOLVER_VERSION.to_owned()),
+        ("surrogate", serde_json::to_string(&spec.surrogate)?),
+        ("wall time", render::study::stages(&view.stages_s)),
+        ("cores of this document's searches", cores.to_string()),
+    ];
+    Ok(facts.map(|(name, value)| (name.to_owned(), value)).to_vec())
+}
+
+fn four(s: &Scaled) -> [f64; 4] {
+    [s.lift, s.drag, s.pitch_moment, s.power]
+}
+
+fn optimum(view: &OptimumView) -> Option<Optimum> {
+    let found = view.optimum.as_ref()?;
+    let simulated = view.simulated.as_ref().and_then(|s| match &s.outcome {
+        manduca_protocol::task::SimulateOutcome::Ok { scaled, .. } => Some(render::estimates(scaled)),
+        manduca_protocol::task::SimulateOutcome::Infeasible { .. } => None,
+    });
+    let with_errors = |e: [manduca_protocol::task::Estimate; 4]| (e.map(|e| e.mean), e.map(|e| e.se));
+    let refined = view.search.as_ref().and_then(|search| {
+        let best = search.standing.best.as_ref()?;
+        Some(Found {
+            point: best.parameters.0,
+            predicted: search.standing.predicted.as_ref().map(four),
+            simulated: best.scaled.as_ref().map(|s| with_errors(render::estimates(s))),
+        })
+    });
+    Some(Optimum {
+        name: view.name.clone(),
+        paper: render::study::published(&view.name),
+        first: Found {
+            point: found.parameters.0,
+            predicted: Some(four(&found.predicted)),
+            simulated: simulated.map(with_errors),
+        },
+        refined,
+        refining: view.search.as_ref().map(refining),
+        prices: found.optimality.as_ref().map(|o| {
+            let prices = &o.multipliers;
+            [prices.lift, prices.drag, prices.pitch_moment]
+        }),
+    })
+}
+
+fn refining(search: &SearchView) -> String {
+    render::study::refinement(search)
+}

@@ -1,0 +1,43 @@
+//! How well the surrogate learnt: Fig. 5 and the errors of Fig. 6.
+
+use std::io;
+
+use super::Study;
+use crate::markdown::{Document, Table, significant};
+use crate::plot::{Figure, Mark, Panel, Series};
+
+/// Root mean square errors the paper found on 100 new simulations, of L, D, M, P.
+const PAPER: [f64; 4] = [0.024, 0.023, 0.027, 0.029];
+
+pub(super) fn write(
+    study: &Study,
+    document: &mut Document,
+    figures: &mut Vec<(&'static str, String)>,
+) -> io::Result<()> {
+    document.heading("The surrogate (Fig. 5, Fig. 6)");
+    let mut table = Table::new(["root mean square error", "L+", "D+", "M+", "P+"]);
+    let row = |name: &str, errors: &[f64; 4]| {
+        std::iter::once(name.to_owned()).chain(errors.iter().map(|e| significant(*e, 2))).collect::<Vec<_>>()
+    };
+    if let Some(errors) = &study.errors {
+        table.row(row("here, test share of the samples", errors));
+    }
+    table.row(row("paper, 100 new simulations", &PAPER));
+    document.table(&table);
+    document.paragraph(
+        "Units are W, W, W c and P0 = 84.2 mW; the paper's are of its own scales. Errors against exact simulations, \
+         by features, method and number of samples, are printed by `manduca bench accuracy`.",
+    );
+    let curve = |label: &str, share: usize| {
+        let points = study.curve.iter().map(|e| (e[0], manduca_numerics::math::ln(e[share]) / std::f64::consts::LN_10));
+        Series::new(label, Mark::Line, points)
+    };
+    let series = vec![curve("training", 1), curve("validation", 2), curve("test", 3)];
+    let panel = Panel { x: "iteration".into(), y: "log10 of mean squared error".into(), series };
+    figures.push(("training.svg", Figure { panels: vec![panel], columns: 1 }.svg()?));
+    document.figure("figures/training.svg", "Mean squared errors while the network is trained");
+    document.paragraph(
+        "The paper's best validation error came at iteration 105: 9.7e-5 training, 1.0e-3 validation, 1.3e-3 test.",
+    );
+    Ok(())
+}
