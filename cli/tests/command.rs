@@ -67,7 +67,7 @@ fn a_study_runs_to_its_answer_and_a_second_run_finds_it() {
     let first = json(&outcome(folder.path(), &run));
     assert_eq!(first["samples"]["succeeded"], 60);
     let optimum = &first["optimisations"][0];
-    assert_eq!((&optimum["name"], &optimum["status"]), (&"case-I".into(), &"verified".into()), "{first}");
+    assert_eq!((&optimum["name"], &optimum["status"]), (&"case-I".into(), &"refined".into()), "{first}");
     assert!(optimum["parameters"]["frequency_hz"].as_f64().unwrap() >= 15.0);
     assert!(optimum["simulated"]["lift"]["mean"].is_number() && first["stages_s"]["sampling"].is_number());
     assert!(first["surrogate"]["rmse"]["lift"].is_number() && first["study"].is_string());

@@ -147,9 +147,10 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
     }
     let centre = flown[best].x;
     let at = |x: &Point| corrected.at(x);
-    let Some(candidate) = (tools.minimise)(&at, &around(bounds, &centre, radius), &centre) else {
-        return done(RefineStop::Nothing);
-    };
+    // Far from trim the nearest stroke in trim may lie outside: then the reach grows.
+    let reaches = std::iter::successors(Some(radius), |reach| (*reach < 1.0).then_some(2.0 * reach));
+    let found = reaches.map(|reach| (tools.minimise)(&at, &around(bounds, &centre, reach), &centre));
+    let Some(candidate) = found.flatten().next() else { return done(RefineStop::Nothing) };
     let predicted = corrected.at(&candidate).0;
     let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
     let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1));
