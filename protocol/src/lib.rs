@@ -4,6 +4,7 @@
 pub mod history;
 pub mod ids;
 pub mod network;
+pub mod optimum;
 pub mod point;
 pub mod problem;
 pub mod resolve;
@@ -11,5 +12,6 @@ pub mod search;
 pub mod strict;
 pub mod study;
 pub mod task;
+pub mod training;
 pub mod view;
 pub mod worker;

@@ -6,7 +6,13 @@ use utoipa::ToSchema;
 
 use crate::point::ParameterValues;
 use crate::search::{SearchResult, SearchTask};
-use crate::study::{ModelSpec, OptimisationSpec, SurrogateSpec};
+use crate::study::ModelSpec;
+
+pub use crate::optimum::{GenerationMessage, LocalOptimum, Optimality, OptimiseResult, OptimiseTask, Prices};
+pub use crate::training::{
+    EpochMessage, ErrorsMessage, FrameMessage, MemberMessage, NetworkMessage, SurrogateMessage, TrainCheckpoint,
+    TrainResult, TrainSample, TrainTask,
+};
 
 /// Kind of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -60,18 +66,6 @@ impl SimulateTask {
     }
 }
 
-/// A sample as the trainer sees it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct TrainSample {
-    /// Ten values in table order.
-    pub x: [f64; 10],
-    /// L+, D+, M+, P+.
-    pub y: [f64; 4],
-    /// Their standard errors; 0 where unknown.
-    #[serde(default)]
-    pub se: [f64; 4],
-}
-
 /// Bounds in table order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BoundsMessage {
@@ -81,119 +75,12 @@ pub struct BoundsMessage {
     pub upper: [f64; 10],
 }
 
-/// One training.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct TrainTask {
-    /// Network and stopping rule.
-    pub surrogate: SurrogateSpec,
-    /// Seed.
-    pub seed: u64,
-    /// Bounds of the inputs.
-    pub bounds: BoundsMessage,
-    /// Samples ordered by index.
-    pub dataset: Vec<TrainSample>,
-    /// Preset of the insect and changes to it: whose strokes they are.
-    #[serde(default)]
-    pub model: ModelSpec,
-    /// Where an earlier attempt stood.
-    #[serde(default)]
-    pub checkpoint: Option<Box<TrainCheckpoint>>,
-}
-
-/// A trained network: inputs to [0, 1] by their bounds, one sigmoid layer, linear outputs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct NetworkMessage {
-    /// Bounds of the inputs.
-    pub bounds: BoundsMessage,
-    /// Neurons x 10, row by row.
-    pub hidden_weights: Vec<f64>,
-    /// One per neuron.
-    pub hidden_biases: Vec<f64>,
-    /// 4 x neurons, row by row.
-    pub output_weights: Vec<f64>,
-    /// L+, D+, M+, P+.
-    pub output_biases: [f64; 4],
-}
-
-/// How the networks' inputs and outputs stand to strokes and their means.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "features", rename_all = "kebab-case")]
-pub enum FrameMessage {
-    /// The ten parameters to L+, D+, M+, P+.
-    Paper,
-    /// Stroke-plane axes at a reference frequency: N, T, M about the hinge line, P.
-    Physical {
-        /// The reference frequency, Hz.
-        reference_hz: f64,
-        /// Centre of mass from the hinge line along the stroke plane and normal to it, over c.
-        arm: [f64; 2],
-        /// Whether predictions obey the fore-aft mirror law.
-        mirror: bool,
-    },
-}
-
-/// A trained surrogate: the mean of its networks in their frame.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SurrogateMessage {
-    /// What the networks learnt.
-    pub frame: FrameMessage,
-    /// One or more networks of the same bounds.
-    pub networks: Vec<NetworkMessage>,
-}
-
-/// One network of an ensemble, trained.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct MemberMessage {
-    /// The network of the best validation error.
-    pub network: NetworkMessage,
-    /// Its iterations.
-    pub curve: Vec<EpochMessage>,
-    /// Iteration the network is from.
-    pub best_iteration: u32,
-    /// Why it stopped.
-    pub stopped: String,
-}
-
-/// A training after some iteration: another worker goes on from it to the same bits.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct TrainCheckpoint {
-    /// Networks which are done.
-    pub members: Vec<MemberMessage>,
-    /// Where the present one stands.
-    pub network: NetworkMessage,
-    /// What is made small, there.
-    pub objective: f64,
-    /// Damping of the next step.
-    pub damping: f64,
-    /// What a refused step multiplies it by.
-    pub growth: f64,
-    /// The present network's iterations so far.
-    pub curve: Vec<EpochMessage>,
-    /// The present network's best state.
-    pub best: NetworkMessage,
-}
-
 /// Where a long job can be taken up again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Checkpoint {
     /// Of a training.
     Train(Box<TrainCheckpoint>),
-}
-
-/// One optimisation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OptimiseTask {
-    /// Model (for the clearance of the wings).
-    pub model: ModelSpec,
-    /// Bounds: those of the study narrowed by the optimisation.
-    pub bounds: BoundsMessage,
-    /// What to optimise and how.
-    pub optimisation: OptimisationSpec,
-    /// Seed.
-    pub seed: u64,
-    /// What to optimise on.
-    pub surrogate: SurrogateMessage,
 }
 
 /// What a job returns.
@@ -322,140 +209,6 @@ pub struct Provenance {
     pub wall_s: f64,
     /// Instruction level, such as `avx512`; levels with fused multiply-add give equal bits.
     pub level: String,
-}
-
-/// One iteration of the training.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct EpochMessage {
-    /// Which network of the ensemble, from 0.
-    #[serde(default)]
-    pub network: u32,
-    /// Iteration.
-    pub iteration: u32,
-    /// Mean squared errors over what the network learns: the four scaled outputs, with
-    /// physical features at the reference frequency.
-    pub train_mse: f64,
-    /// On the validation share.
-    pub validation_mse: f64,
-    /// On the test share.
-    pub test_mse: f64,
-    /// Damping which the next step tries first.
-    #[serde(default)]
-    pub damping: f64,
-}
-
-/// Errors on one share of the samples.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ErrorsMessage {
-    /// Root mean square errors.
-    pub rmse: Scaled,
-    /// Correlation of prediction and simulation.
-    pub correlation: Scaled,
-    /// Samples in this share.
-    pub count: u32,
-}
-
-/// A training's result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct TrainResult {
-    /// What predicts.
-    pub surrogate: SurrogateMessage,
-    /// Training curves, one network after the other.
-    pub curve: Vec<EpochMessage>,
-    /// Iteration each network is from.
-    pub best_iterations: Vec<u32>,
-    /// Why each stopped.
-    pub stops: Vec<String>,
-    /// Errors on the training share.
-    pub train: ErrorsMessage,
-    /// Errors on the validation share.
-    pub validation: ErrorsMessage,
-    /// Errors on the test share.
-    pub test: ErrorsMessage,
-    /// Version of the numbers.
-    pub solver_version: String,
-}
-
-/// One generation of the genetic algorithm.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct GenerationMessage {
-    /// Generation.
-    pub generation: u32,
-    /// Best fitness.
-    pub best: f64,
-    /// Mean fitness.
-    pub mean: f64,
-}
-
-/// What constraints cost at an optimum: by how much P+ rises per unit of what is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Prices {
-    /// Per unit of L+.
-    pub lift: f64,
-    /// Per unit of D+.
-    pub drag: f64,
-    /// Per unit of M+.
-    pub pitch_moment: f64,
-    /// Per mm of clearance margin.
-    pub clearance_per_mm: f64,
-    /// Per width of the box by which the bound a parameter lies at is raised; 0 away from bounds.
-    pub bounds: ParameterValues,
-}
-
-/// A point where no small change within the constraints saves power.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct LocalOptimum {
-    /// The stroke.
-    pub parameters: ParameterValues,
-    /// What the network predicts there.
-    pub predicted: Scaled,
-    /// Least distance of the wings from the plane of symmetry, mm.
-    pub clearance_mm: f64,
-    /// Descents which ended here.
-    pub hits: u32,
-}
-
-/// What sequential quadratic programming knows of its optimum.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Optimality {
-    /// What the constraints cost.
-    pub multipliers: Prices,
-    /// Residual of the conditions of Karush, Kuhn and Tucker, per width of the box.
-    pub kkt_residual: f64,
-    /// Largest violation of trim, or of clearance in cm.
-    pub violation: f64,
-    /// Descents begun.
-    pub starts: u32,
-    /// Descents which converged.
-    pub converged: u32,
-    /// Distinct optima, the least power first, at most 50.
-    pub optima: Vec<LocalOptimum>,
-}
-
-/// An optimisation's result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OptimiseResult {
-    /// The optimum.
-    pub parameters: ParameterValues,
-    /// What the network predicts there.
-    pub predicted: Scaled,
-    /// Fitness F (paper Eq. 8).
-    pub fitness: f64,
-    /// Its penalty part.
-    pub penalty: f64,
-    /// Least distance of the wings from the plane of symmetry, mm.
-    pub clearance_mm: f64,
-    /// Generations; none of `sqp`.
-    pub history: Vec<GenerationMessage>,
-    /// Why the search stopped.
-    pub stopped: String,
-    /// Evaluations of the network.
-    pub evaluations: u64,
-    /// What `sqp` knows beside; absent for `paper`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub optimality: Option<Optimality>,
-    /// Version of the numbers.
-    pub solver_version: String,
 }
 
 /// Where a running job is.

@@ -1,0 +1,163 @@
+//! A training: what it is given, where it stands, what it returns.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::study::{ModelSpec, SurrogateSpec};
+use crate::task::{BoundsMessage, Scaled};
+
+/// A sample as the trainer sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainSample {
+    /// Ten values in table order.
+    pub x: [f64; 10],
+    /// L+, D+, M+, P+.
+    pub y: [f64; 4],
+    /// Their standard errors; 0 where unknown.
+    #[serde(default)]
+    pub se: [f64; 4],
+}
+
+/// One training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainTask {
+    /// Network and stopping rule.
+    pub surrogate: SurrogateSpec,
+    /// Seed.
+    pub seed: u64,
+    /// Bounds of the inputs.
+    pub bounds: BoundsMessage,
+    /// Samples ordered by index.
+    pub dataset: Vec<TrainSample>,
+    /// Preset of the insect and changes to it: whose strokes they are.
+    #[serde(default)]
+    pub model: ModelSpec,
+    /// Where an earlier attempt stood.
+    #[serde(default)]
+    pub checkpoint: Option<Box<TrainCheckpoint>>,
+}
+
+/// A trained network: inputs to [0, 1] by their bounds, one sigmoid layer, linear outputs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct NetworkMessage {
+    /// Bounds of the inputs.
+    pub bounds: BoundsMessage,
+    /// Neurons x 10, row by row.
+    pub hidden_weights: Vec<f64>,
+    /// One per neuron.
+    pub hidden_biases: Vec<f64>,
+    /// 4 x neurons, row by row.
+    pub output_weights: Vec<f64>,
+    /// L+, D+, M+, P+.
+    pub output_biases: [f64; 4],
+}
+
+/// How the networks' inputs and outputs stand to strokes and their means.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "features", rename_all = "kebab-case")]
+pub enum FrameMessage {
+    /// The ten parameters to L+, D+, M+, P+.
+    Paper,
+    /// Stroke-plane axes at a reference frequency: N, T, M about the hinge line, P.
+    Physical {
+        /// The reference frequency, Hz.
+        reference_hz: f64,
+        /// Centre of mass from the hinge line along the stroke plane and normal to it, over c.
+        arm: [f64; 2],
+        /// Whether predictions obey the fore-aft mirror law.
+        mirror: bool,
+    },
+}
+
+/// A trained surrogate: the mean of its networks in their frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SurrogateMessage {
+    /// What the networks learnt.
+    pub frame: FrameMessage,
+    /// One or more networks of the same bounds.
+    pub networks: Vec<NetworkMessage>,
+}
+
+/// One network of an ensemble, trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MemberMessage {
+    /// The network of the best validation error.
+    pub network: NetworkMessage,
+    /// Its iterations.
+    pub curve: Vec<EpochMessage>,
+    /// Iteration the network is from.
+    pub best_iteration: u32,
+    /// Why it stopped.
+    pub stopped: String,
+}
+
+/// A training after some iteration: another worker goes on from it to the same bits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainCheckpoint {
+    /// Networks which are done.
+    pub members: Vec<MemberMessage>,
+    /// Where the present one stands.
+    pub network: NetworkMessage,
+    /// What is made small, there.
+    pub objective: f64,
+    /// Damping of the next step.
+    pub damping: f64,
+    /// What a refused step multiplies it by.
+    pub growth: f64,
+    /// The present network's iterations so far.
+    pub curve: Vec<EpochMessage>,
+    /// The present network's best state.
+    pub best: NetworkMessage,
+}
+
+/// One iteration of the training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EpochMessage {
+    /// Which network of the ensemble, from 0.
+    #[serde(default)]
+    pub network: u32,
+    /// Iteration.
+    pub iteration: u32,
+    /// Mean squared errors over what the network learns: the four scaled outputs, with
+    /// physical features at the reference frequency.
+    pub train_mse: f64,
+    /// On the validation share.
+    pub validation_mse: f64,
+    /// On the test share.
+    pub test_mse: f64,
+    /// Damping which the next step tries first.
+    #[serde(default)]
+    pub damping: f64,
+}
+
+/// Errors on one share of the samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorsMessage {
+    /// Root mean square errors.
+    pub rmse: Scaled,
+    /// Correlation of prediction and simulation.
+    pub correlation: Scaled,
+    /// Samples in this share.
+    pub count: u32,
+}
+
+/// A training's result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainResult {
+    /// What predicts.
+    pub surrogate: SurrogateMessage,
+    /// Training curves, one network after the other.
+    pub curve: Vec<EpochMessage>,
+    /// Iteration each network is from.
+    pub best_iterations: Vec<u32>,
+    /// Why each stopped.
+    pub stops: Vec<String>,
+    /// Errors on the training share.
+    pub train: ErrorsMessage,
+    /// Errors on the validation share.
+    pub validation: ErrorsMessage,
+    /// Errors on the test share.
+    pub test: ErrorsMessage,
+    /// Version of the numbers.
+    pub solver_version: String,
+}
