@@ -11,6 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from environment import environment
+
 PTERASOFTWARE = "5.1.0"
 HERE = Path(__file__).resolve().parent
 CHORDWISE, SPANWISE, STEPS, STROKES = 6, 12, 40, 3
@@ -30,20 +32,6 @@ def arguments():
     parser.add_argument("--core", type=int, default=min(os.sched_getaffinity(0)), help="core both are bound to")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser.parse_args()
-
-
-def environment(cache):
-    """Python of an environment which has PteraSoftware; made if there is none."""
-    if HERE.parent.parent in [cache.resolve(), *cache.resolve().parents]:
-        sys.exit(f"error: --cache {cache} is inside the repository")
-    python = cache / f"pterasoftware-{PTERASOFTWARE}" / "bin" / "python"
-    ready = python.parent.parent / "ready"
-    if not ready.exists():
-        print(f"installing PteraSoftware {PTERASOFTWARE} into {python.parent.parent}", file=sys.stderr)
-        subprocess.run([sys.executable, "-m", "venv", "--clear", python.parent.parent], check=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", f"PteraSoftware=={PTERASOFTWARE}"], check=True)
-        ready.touch()
-    return python
 
 
 def bound(core):
@@ -81,7 +69,7 @@ def processor():
 
 
 def compare(args):
-    python = environment(args.cache)
+    python = environment(args.cache, f"pterasoftware-{PTERASOFTWARE}", {"PteraSoftware": PTERASOFTWARE})
     before = os.getloadavg()
     ours(args.manduca, args.core)  # Off the disk once; its time is not counted.
     slow, fast = [], []

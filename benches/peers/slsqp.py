@@ -4,14 +4,14 @@
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+from environment import environment
+
 SCIPY = "1.17.1"
-HERE = Path(__file__).resolve().parent
 
 
 def arguments():
@@ -27,20 +27,6 @@ def arguments():
     parser.add_argument("--seed", type=int, default=0, help="seed of its scrambling")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser.parse_args()
-
-
-def environment(cache):
-    """Python of an environment which has SciPy; made if there is none."""
-    if HERE.parent.parent in [cache.resolve(), *cache.resolve().parents]:
-        sys.exit(f"error: --cache {cache} is inside the repository")
-    python = cache / f"scipy-{SCIPY}" / "bin" / "python"
-    ready = python.parent.parent / "ready"
-    if not ready.exists():
-        print(f"installing SciPy {SCIPY} into {python.parent.parent}", file=sys.stderr)
-        subprocess.run([sys.executable, "-m", "venv", "--clear", python.parent.parent], check=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", f"scipy=={SCIPY}"], check=True)
-        ready.touch()
-    return python
 
 
 class Network:
@@ -100,7 +86,7 @@ def minimise(network, starts, seed):
 def main():
     args = arguments()
     if os.environ.get("MANDUCA_PEER") != "1":
-        python = environment(args.cache)
+        python = environment(args.cache, f"scipy-{SCIPY}", {"scipy": SCIPY})
         os.execve(python, [python, __file__, *sys.argv[1:]], os.environ | {"MANDUCA_PEER": "1"})
     network = Network(json.loads(args.network.read_text()))
     start = time.perf_counter()

@@ -6,9 +6,10 @@ import json
 import os
 import statistics
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
+
+from environment import environment
 
 PACKAGES = {"pyrenn": "0.1", "numpy": "1.26.4", "pandas": "2.2.3"}
 HERE = Path(__file__).resolve().parent
@@ -32,21 +33,6 @@ def arguments():
     return parser.parse_args()
 
 
-def environment(cache):
-    """Python of an environment which has pyrenn; made if there is none."""
-    if HERE.parent.parent in [cache.resolve(), *cache.resolve().parents]:
-        sys.exit(f"error: --cache {cache} is inside the repository")
-    python = cache / f"pyrenn-{PACKAGES['pyrenn']}" / "bin" / "python"
-    ready = python.parent.parent / "ready"
-    if not ready.exists():
-        print(f"installing pyrenn into {python.parent.parent}", file=sys.stderr)
-        subprocess.run([sys.executable, "-m", "venv", "--clear", python.parent.parent], check=True)
-        pinned = [f"{name}=={version}" for name, version in PACKAGES.items()]
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *pinned], check=True)
-        ready.touch()
-    return python
-
-
 def theirs(python, args):
     line = [python, HERE / "pyrenn_case.py", args.neurons, args.samples, args.runs]
     done = subprocess.run(list(map(str, line)), check=True, stdout=subprocess.PIPE, text=True)
@@ -63,7 +49,7 @@ def ours(args):
 
 def main():
     args = arguments()
-    python = environment(args.cache)
+    python = environment(args.cache, f"pyrenn-{PACKAGES['pyrenn']}", PACKAGES)
     before = ours(args)
     peer = theirs(python, args)
     after = ours(args)

@@ -12,4 +12,4 @@ mod region;
 mod tests;
 
 pub use kriging::Kriging;
-pub use region::{Flown, Jacobian, Minimise, Next, RefineSettings, RefineStop, Region, Tools, merit, off_trim, step};
+pub use region::{Flown, Minimise, Next, RefineSettings, RefineStop, Region, Tools, merit, off_trim, step};

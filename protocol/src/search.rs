@@ -28,24 +28,16 @@ pub struct SearchTask {
     pub optimisation: OptimisationSpec,
     /// Seed.
     pub seed: u64,
-    /// The surrogate whose optimum is refined; a direct search has none.
-    pub surrogate: Option<SurrogateMessage>,
+    /// The surrogate whose optimum is refined.
+    pub surrogate: SurrogateMessage,
     /// What the round before left; none in the first.
-    pub state: Option<SearchState>,
+    pub state: Option<RefineState>,
     /// The strokes the round before asked for, in its order. First of all the
     /// surrogate's optimum, flown again.
     pub flown: Vec<FlownMessage>,
 }
 
-/// What a search carries from round to round.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "search", rename_all = "kebab-case")]
-pub enum SearchState {
-    /// Of a trust region around a surrogate's optimum.
-    Refine(RefineState),
-}
-
-/// A trust region between two rounds.
+/// What a search carries from round to round: its trust region and what was flown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RefineState {
     /// Rounds done.
@@ -78,7 +70,7 @@ pub enum SearchNext {
     /// These strokes are to be flown, then comes the next round.
     Fly {
         /// To be handed to it.
-        state: SearchState,
+        state: RefineState,
         /// The strokes.
         strokes: Vec<ParameterValues>,
     },

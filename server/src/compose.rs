@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use manduca_numerics::uvlm;
 use manduca_protocol::point::ParameterValues;
-use manduca_protocol::resolve::ResolvedStudy;
+use manduca_protocol::resolve::{ResolvedOptimisation, ResolvedStudy};
 use manduca_protocol::search::{FlownMessage, SearchNext, SearchResult, SearchTask};
-use manduca_protocol::study::{ModelKind, StudySpec};
+use manduca_protocol::study::{ModelKind, OptimisationSpec, StudySpec};
 use manduca_protocol::task::{
     JobKind, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
 };
@@ -88,6 +88,16 @@ pub(crate) fn train_task(
     })
 }
 
+/// One of a study's optimisations, as asked for and checked.
+fn optimisation<'a>(
+    spec: &'a StudySpec,
+    study: &'a ResolvedStudy,
+    ordinal: u32,
+) -> Result<(&'a OptimisationSpec, &'a ResolvedOptimisation), StoreError> {
+    let found = spec.optimisations.get(ordinal as usize).zip(study.optimisations.get(ordinal as usize));
+    found.ok_or_else(|| StoreError::Corrupt(format!("the study has no optimisation {ordinal}")))
+}
+
 /// One of a study's optimisations on its surrogate.
 pub(crate) fn optimise_task(
     spec: &StudySpec,
@@ -95,11 +105,7 @@ pub(crate) fn optimise_task(
     ordinal: u32,
     surrogate: SurrogateMessage,
 ) -> Result<Task, StoreError> {
-    let (Some(optimisation), Some(resolved)) =
-        (spec.optimisations.get(ordinal as usize), study.optimisations.get(ordinal as usize))
-    else {
-        return Err(StoreError::Corrupt(format!("the study has no optimisation {ordinal}")));
-    };
+    let (optimisation, resolved) = optimisation(spec, study, ordinal)?;
     Ok(Task::Optimise(OptimiseTask {
         model: spec.model.clone(),
         bounds: (&resolved.bounds).into(),
@@ -114,16 +120,12 @@ pub(crate) fn search_task(
     spec: &StudySpec,
     study: &ResolvedStudy,
     ordinal: u32,
-    surrogate: Option<SurrogateMessage>,
+    surrogate: SurrogateMessage,
     before: Option<SearchResult>,
     flown: Vec<FlownMessage>,
 ) -> Result<Task, StoreError> {
     let (index, _) = round_of(ordinal);
-    let (Some(optimisation), Some(resolved)) =
-        (spec.optimisations.get(index as usize), study.optimisations.get(index as usize))
-    else {
-        return Err(StoreError::Corrupt(format!("the study has no optimisation {index}")));
-    };
+    let (optimisation, resolved) = optimisation(spec, study, index)?;
     let state = before.and_then(|result| match result.next {
         SearchNext::Fly { state, .. } => Some(state),
         SearchNext::Done { .. } => None,

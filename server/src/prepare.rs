@@ -3,9 +3,9 @@
 
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::network;
-use manduca_protocol::search::SearchNext;
+use manduca_protocol::search::{SearchNext, SearchResult};
 use manduca_protocol::task::{JobKind, JobResult, SimulateOutcome, TrainCheckpoint, TrainResult};
-use manduca_protocol::view::SurrogateView;
+use manduca_protocol::view::{SearchView, SurrogateView};
 use manduca_protocol::worker::Completion;
 
 use crate::error::ApiError;
@@ -21,11 +21,13 @@ pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
     let (kind, json, summary) = match result {
         JobResult::Simulate(result) => (JobKind::Simulate, to_json(&*result)?, None),
         JobResult::Optimise(result) => (JobKind::Optimise, to_json(&*result)?, None),
-        JobResult::Search(result) => (JobKind::Search, to_json(&*result)?, None),
+        JobResult::Search(result) => {
+            let json = to_json(&*result)?;
+            (JobKind::Search, json, Some(to_text(&standing(*result))?))
+        }
         JobResult::Train(result) => {
             let json = to_json(&*result)?;
-            let summary = String::from_utf8(to_json(&summary(*result))?).map_err(internal)?;
-            (JobKind::Train, json, Some(summary))
+            (JobKind::Train, json, Some(to_text(&summary(*result))?))
         }
     };
     let digest = *blake3::hash(&json).as_bytes();
@@ -35,6 +37,10 @@ pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
 
 fn to_json(value: &impl serde::Serialize) -> Result<Vec<u8>, ApiError> {
     serde_json::to_vec(value).map_err(internal)
+}
+
+fn to_text(value: &impl serde::Serialize) -> Result<String, ApiError> {
+    serde_json::to_string(value).map_err(internal)
 }
 
 fn internal(error: impl std::error::Error + Send + Sync + 'static) -> ApiError {
@@ -69,6 +75,15 @@ fn outcome(result: &JobResult) -> Outcome {
             }
             _ => Outcome::Succeeded,
         },
+    }
+}
+
+/// A round of a search without the strokes it asks for.
+fn standing(result: SearchResult) -> SearchView {
+    let standing = result.standing;
+    match result.next {
+        SearchNext::Done { reason, converged } => SearchView { standing, ended: Some(reason), converged },
+        SearchNext::Fly { .. } => SearchView { standing, ended: None, converged: false },
     }
 }
 

@@ -19,7 +19,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 
-use crate::args::{Command, ReportCommand};
+use crate::args::Command;
 
 /// Does what was asked for.
 pub async fn dispatch(command: Command) -> Result<ExitCode> {
@@ -34,8 +34,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command),
-        Command::Report(ReportCommand::Reproduction(args)) => reproduction::reproduction(&args).await,
-        Command::Report(command) => report::report(&command),
+        Command::Report(command) => report::report(&command).await,
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),
         Command::Slot => Ok(manduca_worker::slot::slot_main()),

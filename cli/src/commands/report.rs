@@ -7,11 +7,12 @@ use manduca_report::convergence::{self, Effort};
 use manduca_report::output::Report;
 use manduca_report::verification;
 
+use super::reproduction::reproduction;
 use crate::args::{ReportArgs, ReportCommand};
 use crate::output::{Output, note};
 
 /// Computes a report and writes it.
-pub fn report(command: &ReportCommand) -> Result<ExitCode> {
+pub async fn report(command: &ReportCommand) -> Result<ExitCode> {
     match command {
         ReportCommand::Verification(args) => {
             write(args, verification::compute(&mut |step| note(step)).context("the verification failed")?)
@@ -21,8 +22,7 @@ pub fn report(command: &ReportCommand) -> Result<ExitCode> {
             let report = convergence::compute(effort, &mut |step| note(step)).context("the study failed")?;
             write(&args.report, report)
         }
-        // It asks a coordinator, and so has its own way.
-        ReportCommand::Reproduction(_) => Ok(ExitCode::SUCCESS),
+        ReportCommand::Reproduction(args) => reproduction(args).await,
     }
 }
 

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::task::{JobKind, OptimiseTask, Scaled, Task};
-use manduca_protocol::view::{OptimumView, SearchView, StudyView};
+use manduca_protocol::task::{Estimate, JobKind, OptimiseTask, SimulateOutcome, Task};
+use manduca_protocol::view::{OptimumView, StudyView};
 use manduca_protocol::{network, resolve};
 use manduca_report::reproduction::{self, Effort, Found, Optimum, Study};
 
@@ -35,7 +35,7 @@ async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
     Ok(Study {
         facts: facts(api, id, &view).await?,
         curve: first.map(|e| [f64::from(e.iteration), e.train_mse, e.validation_mse, e.test_mse]).collect(),
-        errors: training.test.map(|t| four(&t.rmse)),
+        errors: training.test.map(|t| render::scaled(&t.rmse)),
         surrogate,
         bounds: Bounds { lower: resolved.bounds.lower, upper: resolved.bounds.upper },
         seed: view.spec.seed,
@@ -69,22 +69,18 @@ async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, 
     Ok(facts.map(|(name, value)| (name.to_owned(), value)).to_vec())
 }
 
-fn four(s: &Scaled) -> [f64; 4] {
-    [s.lift, s.drag, s.pitch_moment, s.power]
-}
-
 fn optimum(view: &OptimumView) -> Option<Optimum> {
     let found = view.optimum.as_ref()?;
     let simulated = view.simulated.as_ref().and_then(|s| match &s.outcome {
-        manduca_protocol::task::SimulateOutcome::Ok { scaled, .. } => Some(render::estimates(scaled)),
-        manduca_protocol::task::SimulateOutcome::Infeasible { .. } => None,
+        SimulateOutcome::Ok { scaled, .. } => Some(render::estimates(scaled)),
+        SimulateOutcome::Infeasible { .. } => None,
     });
-    let with_errors = |e: [manduca_protocol::task::Estimate; 4]| (e.map(|e| e.mean), e.map(|e| e.se));
+    let with_errors = |e: [Estimate; 4]| (e.map(|e| e.mean), e.map(|e| e.se));
     let refined = view.search.as_ref().and_then(|search| {
         let best = search.standing.best.as_ref()?;
         Some(Found {
             point: best.parameters.0,
-            predicted: search.standing.predicted.as_ref().map(four),
+            predicted: search.standing.predicted.as_ref().map(render::scaled),
             simulated: best.scaled.as_ref().map(|s| with_errors(render::estimates(s))),
         })
     });
@@ -93,18 +89,14 @@ fn optimum(view: &OptimumView) -> Option<Optimum> {
         paper: render::study::published(&view.name),
         first: Found {
             point: found.parameters.0,
-            predicted: Some(four(&found.predicted)),
+            predicted: Some(render::scaled(&found.predicted)),
             simulated: simulated.map(with_errors),
         },
         refined,
-        refining: view.search.as_ref().map(refining),
+        refining: view.search.as_ref().map(render::study::refinement),
         prices: found.optimality.as_ref().map(|o| {
             let prices = &o.multipliers;
             [prices.lift, prices.drag, prices.pitch_moment]
         }),
     })
-}
-
-fn refining(search: &SearchView) -> String {
-    render::study::refinement(search)
 }

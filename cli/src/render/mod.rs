@@ -42,7 +42,8 @@ fn dash() -> String {
     "-".into()
 }
 
-fn scaled(s: &Scaled) -> [f64; 4] {
+/// L+, D+, M+, P+ in their order.
+pub fn scaled(s: &Scaled) -> [f64; 4] {
     [s.lift, s.drag, s.pitch_moment, s.power]
 }
 

@@ -4,7 +4,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::kriging::Kriging;
+use crate::optimise::sqp::Differentiable;
 use crate::parameters::{Bounds, COUNT, Point};
+use crate::surrogate::Jacobian;
 
 /// Weight of |1 - L+| + |D+| + |M+| in the merit; above every multiplier of the trim met so far.
 const PENALTY: f64 = 2.0;
@@ -92,16 +94,13 @@ pub enum Next {
     },
 }
 
-/// Value and jacobian of `[L+, D+, M+, P+]` in table units.
-pub type Jacobian = ([f64; 4], [[f64; COUNT]; 4]);
-
 /// The least P+ with L+ = 1, D+ = M+ = 0 and enough clearance, of a model within bounds, from a start.
-pub type Minimise<'a> = dyn Fn(&(dyn Fn(&Point) -> Jacobian + Sync), &Bounds, &Point) -> Option<Point> + 'a;
+pub type Minimise<'a> = dyn Fn(&dyn Differentiable, &Bounds, &Point) -> Option<Point> + 'a;
 
 /// The surrogate, and how an optimum is found on a corrected one.
 pub struct Tools<'a> {
     /// The surrogate as trained.
-    pub surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync),
+    pub surrogate: &'a dyn Differentiable,
     /// Finds an optimum.
     pub minimise: &'a Minimise<'a>,
     /// Whether the wings keep their distance.
@@ -130,12 +129,11 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
         return Next::Done { stop: RefineStop::Nothing, best: 0, predicted: [f64::NAN; 4] };
     };
     let (radius, agreed) = judge(flown, region, best);
-    let corrected = Corrected::new(tools.surrogate, bounds, flown);
     let done = |stop| {
         let others: Vec<Flown> = flown.iter().enumerate().filter(|(i, _)| *i != best).map(|(_, f)| *f).collect();
         let predicted = match region.candidate {
             Some((candidate, predicted)) if candidate == best => predicted,
-            _ => Corrected::new(tools.surrogate, bounds, &others).at(&flown[best].x).0,
+            _ => Corrected::new(tools.surrogate, bounds, &others).at(&flown[best].x),
         };
         Next::Done { stop, best, predicted }
     };
@@ -146,12 +144,12 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
         return done(RefineStop::Radius);
     }
     let centre = flown[best].x;
-    let at = |x: &Point| corrected.at(x);
+    let corrected = Corrected::new(tools.surrogate, bounds, flown);
     // Far from trim the nearest stroke in trim may lie outside: then the reach grows.
     let reaches = std::iter::successors(Some(radius), |reach| (*reach < 1.0).then_some(2.0 * reach));
-    let found = reaches.map(|reach| (tools.minimise)(&at, &around(bounds, &centre, reach), &centre));
+    let found = reaches.map(|reach| (tools.minimise)(&corrected, &around(bounds, &centre, reach), &centre));
     let Some(candidate) = found.flatten().next() else { return done(RefineStop::Nothing) };
-    let predicted = corrected.at(&candidate).0;
+    let predicted = corrected.at(&candidate);
     let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
     let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1));
     if agreed && off_trim(&here) <= TRIMMED && merit(&here) - merit(&predicted) < doubt.max(GAIN) {
@@ -232,39 +230,47 @@ fn batch(
 
 /// The surrogate plus what the strokes flown say of its errors.
 struct Corrected<'a> {
-    surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync),
+    surrogate: &'a dyn Differentiable,
     errors: [Option<Kriging>; 4],
 }
 
 impl<'a> Corrected<'a> {
-    fn new(surrogate: &'a (dyn Fn(&Point) -> Jacobian + Sync), bounds: &Bounds, flown: &[Flown]) -> Self {
-        let known: Vec<(Point, [f64; 4], [f64; 4])> = flown
-            .iter()
-            .filter_map(|f| {
-                let (y, se) = f.means?;
-                let predicted = surrogate(&f.x).0;
-                Some((f.x, std::array::from_fn(|k| y[k] - predicted[k]), se))
-            })
-            .collect();
+    fn new(surrogate: &'a dyn Differentiable, bounds: &Bounds, flown: &[Flown]) -> Self {
+        let known: Vec<_> = flown.iter().filter_map(|f| f.means.map(|(y, se)| (f.x, y, se))).collect();
         let points: Vec<Point> = known.iter().map(|k| k.0).collect();
+        let mut predicted = vec![NOTHING; points.len()];
+        surrogate.jacobians_into(&points, &mut predicted);
         let errors = std::array::from_fn(|k| {
-            let residuals: Vec<f64> = known.iter().map(|p| p.1[k]).collect();
-            let noise: Vec<f64> = known.iter().map(|p| p.2[k]).collect();
+            let residuals: Vec<f64> = known.iter().zip(&predicted).map(|(f, p)| f.1[k] - p.0[k]).collect();
+            let noise: Vec<f64> = known.iter().map(|f| f.2[k]).collect();
             if points.is_empty() { None } else { Kriging::fit(bounds, &points, &residuals, &noise) }
         });
         Self { surrogate, errors }
     }
 
-    fn at(&self, x: &Point) -> Jacobian {
-        let (mut y, mut jacobian) = (self.surrogate)(x);
-        for (k, error) in self.errors.iter().enumerate() {
-            let Some(error) = error else { continue };
-            let (value, gradient) = error.value_and_gradient(x);
-            y[k] += value;
-            for (slope, add) in jacobian[k].iter_mut().zip(gradient) {
-                *slope += add;
+    /// `[L+, D+, M+, P+]` at a point.
+    fn at(&self, x: &Point) -> [f64; 4] {
+        let mut out = [NOTHING];
+        self.jacobians_into(std::slice::from_ref(x), &mut out);
+        out[0].0
+    }
+}
+
+/// Values and derivatives not yet known.
+const NOTHING: Jacobian = ([0.0; 4], [[0.0; COUNT]; 4]);
+
+impl Differentiable for Corrected<'_> {
+    fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        self.surrogate.jacobians_into(xs, out);
+        for (x, (y, jacobian)) in xs.iter().zip(out) {
+            for (k, error) in self.errors.iter().enumerate() {
+                let Some(error) = error else { continue };
+                let (value, gradient) = error.value_and_gradient(x);
+                y[k] += value;
+                for (slope, add) in jacobian[k].iter_mut().zip(gradient) {
+                    *slope += add;
+                }
             }
         }
-        (y, jacobian)
     }
 }

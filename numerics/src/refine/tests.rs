@@ -1,6 +1,8 @@
 use super::*;
 use crate::math::sin;
+use crate::optimise::sqp::Differentiable;
 use crate::parameters::{Bounds, COUNT, Point};
+use crate::surrogate::Jacobian;
 
 /// A made-up flight: lift grows with the first two, drag and moment vanish on a
 /// curve, power is least inside; differences give the jacobian.
@@ -20,6 +22,17 @@ fn surrogate(x: &Point) -> [f64; 4] {
     [y[0] + 0.08 - 0.1 * u[1], y[1] + 0.05 * sin(3.0 * u[5]), y[2] - 0.04 * u[0], y[3] - 0.15 * (1.0 - u[0]) * u[9]]
 }
 
+/// One of these functions with its derivatives.
+struct Smooth(fn(&Point) -> [f64; 4]);
+
+impl Differentiable for Smooth {
+    fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+        for (x, place) in xs.iter().zip(out) {
+            *place = jacobian(&self.0, x);
+        }
+    }
+}
+
 fn jacobian(f: &dyn Fn(&Point) -> [f64; 4], x: &Point) -> Jacobian {
     let bounds = Bounds::default();
     let mut jacobian = [[0.0; COUNT]; 4];
@@ -36,7 +49,12 @@ fn jacobian(f: &dyn Fn(&Point) -> [f64; 4], x: &Point) -> Jacobian {
 }
 
 /// Augmented Lagrangian with projected gradient steps: slow, short and independent of the optimisers.
-fn minimise(f: &(dyn Fn(&Point) -> Jacobian + Sync), bounds: &Bounds, start: &Point) -> Option<Point> {
+fn minimise(model: &dyn Differentiable, bounds: &Bounds, start: &Point) -> Option<Point> {
+    let f = |x: &Point| {
+        let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
+        model.jacobians_into(std::slice::from_ref(x), &mut out);
+        out[0]
+    };
     let (mut x, mut price) = (*start, [0.0; 3]);
     for outer in 0..30 {
         let weight = 3.0 * (1.0 + f64::from(outer));
@@ -58,7 +76,7 @@ fn minimise(f: &(dyn Fn(&Point) -> Jacobian + Sync), bounds: &Bounds, start: &Po
 }
 
 fn tools() -> Tools<'static> {
-    Tools { surrogate: &|x| jacobian(&surrogate, x), minimise: &minimise, clear: &|_| true }
+    Tools { surrogate: &Smooth(surrogate), minimise: &minimise, clear: &|_| true }
 }
 
 /// Rounds until done: what is flown, why it ended, which is best, what was predicted of it.
@@ -66,7 +84,7 @@ fn refined(settings: &RefineSettings, fly: &dyn Fn(&Point) -> Option<[f64; 4]>) 
     let bounds = Bounds::default();
     let fly = |x: &Point| Flown { x: *x, means: fly(x).map(|y| (y, [2e-4; 4])) };
     let centre = bounds.from_unit(&[0.5; COUNT]);
-    let start = minimise(&|x| jacobian(&surrogate, x), &bounds, &centre).expect("a start");
+    let start = minimise(&Smooth(surrogate), &bounds, &centre).expect("a start");
     let mut flown = vec![fly(&start)];
     let mut region = Region { round: 0, radius: settings.radius, candidate: None };
     loop {
@@ -93,7 +111,7 @@ fn prediction_and_simulation_come_to_agree_at_the_true_optimum() {
     assert!(off_trim(&flown[0].means.expect("means").0) > 0.05);
     assert!(off_trim(&found) < 3e-3, "{found:?}");
     assert!((0..4).all(|k| (predicted[k] - found[k]).abs() < 2e-3), "{predicted:?} {found:?}");
-    let optimum = minimise(&|x| jacobian(&truth, x), &bounds, &flown[best].x).expect("an optimum");
+    let optimum = minimise(&Smooth(truth), &bounds, &flown[best].x).expect("an optimum");
     let least = truth(&optimum);
     assert!((found[3] - least[3]).abs() < 0.01, "{found:?} {least:?}");
 }

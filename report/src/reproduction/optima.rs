@@ -5,6 +5,7 @@ use std::io;
 use manduca_numerics::cases::CASES;
 use manduca_numerics::insect::Insect;
 use manduca_numerics::parameters::TABLE;
+use manduca_numerics::refine::off_trim;
 use manduca_numerics::simulation::Moment;
 
 use super::{Found, Optimum, Study};
@@ -82,7 +83,7 @@ fn means(study: &Study) -> Table {
 }
 
 fn rows(table: &mut Table, name: &str, found: &Found, optimum: &Optimum) {
-    let off = |y: &[f64; 4]| fixed((1.0 - y[0]).abs() + y[1].abs() + y[2].abs(), 4);
+    let off = |y: &[f64; 4]| fixed(off_trim(y), 4);
     if let Some(y) = &found.predicted {
         let mut cells = vec![name.to_owned(), "predicted".to_owned()];
         cells.extend(y.iter().map(|v| fixed(*v, 4)));

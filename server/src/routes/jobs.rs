@@ -5,7 +5,7 @@ use axum::extract::State;
 use manduca_protocol::ids::{JobId, StudyId};
 use manduca_protocol::problem::Problem;
 use manduca_protocol::resolve;
-use manduca_protocol::task::{JobKind, Task};
+use manduca_protocol::task::{JobKind, SurrogateMessage, Task};
 use manduca_protocol::view::{JobRole, JobState, JobView, Page};
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -114,18 +114,22 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
             compose::train_task(&row.spec, &resolved(&row.spec)?, dataset, checkpoint)
         }
         JobRole::Optimise => {
-            let training = store.training_of(row.study).await?;
-            let training = training.ok_or(ApiError::NotYet("the study has no network yet"))?;
-            compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, training.surrogate)?
+            let surrogate = trained(&state, row.study).await?;
+            compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate)?
         }
         JobRole::Search => {
-            let training = store.training_of(row.study).await?;
+            let surrogate = trained(&state, row.study).await?;
             let (before, flown) = store.before_round(row.study, row.ordinal).await?;
-            let surrogate = training.map(|training| training.surrogate);
             compose::search_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate, before, flown)?
         }
     };
     Ok(Json(task))
+}
+
+/// A study's surrogate, once it is trained.
+async fn trained(state: &AppState, study: i64) -> Result<SurrogateMessage, ApiError> {
+    let training = state.store().training_of(study).await?;
+    Ok(training.ok_or(ApiError::NotYet("the study has no network yet"))?.surrogate)
 }
 
 fn resolved(spec: &manduca_protocol::study::StudySpec) -> Result<resolve::ResolvedStudy, StoreError> {

@@ -5,7 +5,7 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::OptimiseResult;
-use manduca_protocol::view::{JobRole, StudyState};
+use manduca_protocol::view::{JobCounts, JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::count::{open_jobs, read_counts};
@@ -85,14 +85,14 @@ pub(super) async fn advance(work: &mut Work<'_>, study: i64) -> Result<(), Store
 
 /// What follows; none while a job of the stage is open.
 async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step>, StoreError> {
-    let role = row.stage.role();
-    let counts = read_counts(&mut *db, row.study, role).await?;
+    let (mut judged, mut counts) = (row.stage.role(), JobCounts::default());
     for &role in row.stage.roles() {
-        if open_jobs(&read_counts(&mut *db, row.study, role).await?) > 0 {
+        (judged, counts) = (role, read_counts(&mut *db, row.study, role).await?);
+        if open_jobs(&counts) > 0 {
             return Ok(None);
         }
     }
-    let last_failure = find_last_failure(db, row.study, role).await?;
+    let last_failure = find_last_failure(db, row.study, judged).await?;
     let last = last_failure.as_deref();
     Ok(Some(match row.stage {
         Stage::Sampling => after_sampling(row.samples, row.next_sample, &counts, last),
@@ -103,11 +103,7 @@ async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step
             let earlier = find_last_failure(db, row.study, JobRole::Optimise).await?;
             after_verifying(&optimise, &counts, last.or(earlier.as_deref()))
         }
-        Stage::Refining => {
-            let search = read_counts(&mut *db, row.study, JobRole::Search).await?;
-            let failure = find_last_failure(db, row.study, JobRole::Search).await?;
-            after_refining(&search, failure.as_deref())
-        }
+        Stage::Refining => after_refining(&counts, last),
     }))
 }
 

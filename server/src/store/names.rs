@@ -53,14 +53,14 @@ impl Stage {
         }
     }
 
-    /// All that jobs of the stage are for.
+    /// All that jobs of the stage are for, last those by which its end is judged.
     pub(crate) fn roles(self) -> &'static [JobRole] {
         match self {
             Self::Sampling => &[JobRole::Sample],
             Self::Training => &[JobRole::Train],
             Self::Optimising => &[JobRole::Optimise],
             Self::Verifying => &[JobRole::Verify],
-            Self::Refining => &[JobRole::Search, JobRole::Probe],
+            Self::Refining => &[JobRole::Probe, JobRole::Search],
         }
     }
 

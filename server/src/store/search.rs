@@ -65,7 +65,8 @@ async fn continue_search(
         if start.iter().all(|stroke| stroke.scaled.is_none()) {
             return Ok(false);
         }
-        return insert_round(db, study, optimisation, 0).await;
+        insert_round(db, study, optimisation, 0).await?;
+        return Ok(true);
     };
     let (JobState::Succeeded, Some(result)) = (state, result) else { return Ok(false) };
     let SearchNext::Fly { strokes, .. } = body::parse::<SearchResult>(result)?.next else { return Ok(false) };
@@ -75,21 +76,17 @@ async fn continue_search(
     if round + 1 >= ROUNDS {
         return Ok(false);
     }
-    insert_round(db, study, optimisation, round + 1).await
+    insert_round(db, study, optimisation, round + 1).await?;
+    Ok(true)
 }
 
-async fn insert_round(
-    db: &mut SqliteConnection,
-    study: i64,
-    optimisation: u32,
-    round: u32,
-) -> Result<bool, StoreError> {
+async fn insert_round(db: &mut SqliteConnection, study: i64, optimisation: u32, round: u32) -> Result<(), StoreError> {
     sqlx::query("insert into jobs (study, role, ordinal, state) values (?, 'search', ?, 'ready')")
         .bind(study)
         .bind(search_ordinal(optimisation, round))
         .execute(db)
         .await?;
-    Ok(true)
+    Ok(())
 }
 
 /// Queues the strokes of a round; tells whether they are new.
@@ -115,7 +112,7 @@ async fn insert_probes(
 type Round = (u32, JobState, Option<Vec<u8>>);
 
 /// The last round begun of an optimisation's search, its state and result.
-pub(super) async fn find_last_round(
+async fn find_last_round(
     db: impl SqliteExecutor<'_>,
     study: i64,
     optimisation: u32,
@@ -134,11 +131,7 @@ pub(super) async fn find_last_round(
 }
 
 /// The result of a round.
-pub(super) async fn find_round(
-    db: impl SqliteExecutor<'_>,
-    study: i64,
-    ordinal: u32,
-) -> Result<Option<SearchResult>, StoreError> {
+async fn find_round(db: impl SqliteExecutor<'_>, study: i64, ordinal: u32) -> Result<Option<SearchResult>, StoreError> {
     let found: Option<Vec<u8>> = sqlx::query_scalar(
         "select r.body from jobs as j join results as r on r.job = j.job
          where j.study = ? and j.role = 'search' and j.ordinal = ?",
@@ -151,7 +144,7 @@ pub(super) async fn find_round(
 }
 
 /// The strokes a round asked for, in its order; those given up count as not to be flown.
-pub(super) async fn find_probes(
+async fn find_probes(
     db: impl SqliteExecutor<'_>,
     study: i64,
     optimisation: u32,
@@ -162,7 +155,7 @@ pub(super) async fn find_probes(
 }
 
 /// Simulations of a role by ordinal, ended.
-pub(super) async fn find_flown(
+async fn find_flown(
     db: impl SqliteExecutor<'_>,
     study: i64,
     role: JobRole,
@@ -211,18 +204,16 @@ impl Store {
 
     /// How the search around an optimum stands, once its first round has ended.
     pub(super) async fn search_of(&self, study: i64, optimisation: u32) -> Result<Option<SearchView>, StoreError> {
-        let Some((round, _, result)) = find_last_round(self.readers(), study, optimisation).await? else {
-            return Ok(None);
-        };
-        let result = match (result, round) {
-            (Some(result), _) => Some(body::parse(result)?),
-            (None, 0) => None,
-            (None, _) => find_round(self.readers(), study, search_ordinal(optimisation, round - 1)).await?,
-        };
-        Ok(result.map(|SearchResult { next, standing, .. }| match next {
-            SearchNext::Done { reason, converged } => SearchView { standing, ended: Some(reason), converged },
-            SearchNext::Fly { .. } => SearchView { standing, ended: None, converged: false },
-        }))
+        let summary: Option<Option<String>> = sqlx::query_scalar(
+            "select r.summary from jobs as j join results as r on r.job = j.job
+             where j.study = ? and j.role = 'search' and j.ordinal between ? and ? order by j.ordinal desc limit 1",
+        )
+        .bind(study)
+        .bind(search_ordinal(optimisation, 0))
+        .bind(search_ordinal(optimisation, ROUNDS - 1))
+        .fetch_optional(self.readers())
+        .await?;
+        summary.flatten().map(|json| body::from_json(json.as_bytes())).transpose()
     }
 }
 

@@ -75,7 +75,7 @@ pub(super) fn trained() -> Value {
 /// A round which asks for strokes of these frequencies.
 pub(super) fn search_asks(round: u32, frequencies: &[f64]) -> Value {
     let strokes: Vec<Value> = frequencies.iter().map(|f| parameters(*f)).collect();
-    let state = json!({ "search": "refine", "round": round, "radius": 0.1, "candidate": 1, "predicted": [1.0, 0.0, 0.0, 1.0],
+    let state = json!({ "round": round, "radius": 0.1, "candidate": 1, "predicted": [1.0, 0.0, 0.0, 1.0],
         "flown": [] });
     json!({
         "kind": "search", "next": { "next": "fly", "state": state, "strokes": strokes }, "standing": standing(round),

@@ -8,12 +8,10 @@ use manduca_numerics::optimise::sqp::{self, Differentiable, Flight, SqpSettings}
 use manduca_numerics::parameters::{Bounds, Point};
 use manduca_numerics::refine::{self, Flown, Next, RefineSettings, RefineStop, Region, Tools, merit, off_trim};
 use manduca_numerics::simulation::SOLVER_VERSION;
-use manduca_numerics::surrogate::{Jacobian, Surrogate};
+use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
-use manduca_protocol::search::{
-    FlownMessage, RefineState, SearchNext, SearchResult, SearchState, SearchTask, Standing,
-};
+use manduca_protocol::search::{FlownMessage, RefineState, SearchNext, SearchResult, SearchTask, Standing};
 use manduca_protocol::{network, resolve};
 
 use super::{ComputeError, bounds, finite, scaled};
@@ -24,9 +22,8 @@ const STARTS: usize = 24;
 /// Proposes the next strokes of a search, or ends it.
 pub(super) fn search(task: &SearchTask) -> Result<SearchResult, ComputeError> {
     let model = resolve::model(&task.model, "/model").map_err(ComputeError::Refused)?;
-    let refused = |why: &str| ComputeError::Refused(vec![FieldProblem::new("/surrogate", why)]);
-    let surrogate = task.surrogate.as_ref().ok_or_else(|| refused("a trust region needs a surrogate"))?;
-    let surrogate = network::surrogate(surrogate).map_err(|why| refused(&why))?;
+    let surrogate = network::surrogate(&task.surrogate)
+        .map_err(|why| ComputeError::Refused(vec![FieldProblem::new("/surrogate", why)]))?;
     let (known, region) = gathered(task);
     let flown: Vec<Flown> = known.iter().map(flown).collect();
     let settings = RefineSettings {
@@ -41,10 +38,7 @@ pub(super) fn search(task: &SearchTask) -> Result<SearchResult, ComputeError> {
     let next = match next {
         Next::Fly { region, batch } => {
             finite(batch.iter().flatten().copied())?;
-            SearchNext::Fly {
-                state: SearchState::Refine(state(&region, known)),
-                strokes: batch.into_iter().map(ParameterValues).collect(),
-            }
+            SearchNext::Fly { state: state(&region, known), strokes: batch.into_iter().map(ParameterValues).collect() }
         }
         Next::Done { stop, .. } => {
             SearchNext::Done { reason: reason(stop).into(), converged: stop == RefineStop::Agreed }
@@ -57,7 +51,7 @@ pub(super) fn search(task: &SearchTask) -> Result<SearchResult, ComputeError> {
 fn gathered(task: &SearchTask) -> (Vec<FlownMessage>, Region) {
     let start = Region { round: 0, radius: RefineSettings::default().radius, candidate: None };
     let (mut known, region) = match &task.state {
-        Some(SearchState::Refine(state)) => {
+        Some(state) => {
             let candidate = state.candidate.map(|c| c as usize).zip(state.predicted);
             (state.flown.clone(), Region { round: state.round as usize, radius: state.radius, candidate })
         }
@@ -77,17 +71,6 @@ fn flown(message: &FlownMessage) -> Flown {
     Flown { x: message.parameters.0, means }
 }
 
-/// A function with derivatives as the optimiser takes it.
-struct Model<'a>(&'a (dyn Fn(&Point) -> Jacobian + Sync));
-
-impl Differentiable for Model<'_> {
-    fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
-        for (x, place) in xs.iter().zip(out) {
-            *place = (self.0)(x);
-        }
-    }
-}
-
 fn propose(
     surrogate: &Surrogate,
     clearance: &Clearance,
@@ -97,14 +80,13 @@ fn propose(
     flown: &[Flown],
     region: &Region,
 ) -> Next {
-    let minimise = |model: &(dyn Fn(&Point) -> Jacobian + Sync), within: &Bounds, _: &Point| {
-        let flight = Flight { surrogate: &Model(model), clearance: Some(clearance), margin_m, bounds: *within };
+    let minimise = |model: &dyn Differentiable, within: &Bounds, _: &Point| {
+        let flight = Flight { surrogate: model, clearance: Some(clearance), margin_m, bounds: *within };
         let how = SqpSettings { starts: STARTS, seed: settings.seed, ..SqpSettings::default() };
         let found = sqp::minimise(&flight, &how, &mut |_| ControlFlow::Continue(()));
         found.ok().map(|found| found.best().point)
     };
-    let tools =
-        Tools { surrogate: &|x| surrogate.jacobian(x), minimise: &minimise, clear: &|x| clearance.of(x) >= margin_m };
+    let tools = Tools { surrogate, minimise: &minimise, clear: &|x| clearance.of(x) >= margin_m };
     refine::step(&tools, bounds, settings, flown, region)
 }
 

@@ -2,8 +2,6 @@
 -- check only with its table: both are copied. The coordinator migrates with foreign
 -- keys off and checks them afterwards, for other tables refer to these meanwhile.
 
-drop view study_specs;
-
 create table studies_new (
     -- Short number: every job row and index entry carries it, the 16 bytes of the public id only this table.
     study integer primary key,
@@ -73,7 +71,7 @@ insert into jobs_new select job, study, role, ordinal, state, attempt, failures,
 drop table jobs;
 alter table jobs_new rename to jobs;
 
--- Indexes and triggers went with their table, the view because it names one.
+-- Indexes and triggers went with their table.
 create index studies_running on studies (study) where condition = 'running';
 create index jobs_ready on jobs (study, role, ordinal) where state = 'ready';
 create index jobs_delayed on jobs (not_before_ms) where state = 'delayed';
@@ -92,20 +90,3 @@ create trigger jobs_counted_on_change after update of state on jobs when old.sta
     insert into study_counts (study, role, state, n) values (new.study, new.role, new.state, 1)
     on conflict (study, role, state) do update set n = n + 1;
 end;
-
-create trigger checkpoints_end after update of state on jobs
-    when new.state in ('succeeded', 'infeasible', 'cancelled') begin
-    delete from checkpoints where job = new.job;
-end;
-
-create view study_specs as
-select s.study, s.id,
-    iif(exists (select 1 from added_optimisations as a where a.study = s.study),
-        json_set(s.spec, '$.optimisations', json((
-            select json_group_array(json(o.spec) order by o.ordinal) from (
-                select submitted.key as ordinal, submitted.value as spec
-                from json_each(s.spec, '$.optimisations') as submitted
-                union all
-                select a.ordinal, a.spec from added_optimisations as a where a.study = s.study) as o))),
-        s.spec) as spec
-from studies as s;
