@@ -17,8 +17,8 @@ pub mod sqp;
 mod tests;
 
 pub use drive::{Optimum, Phase, Progress, optimise};
-pub use genetic::{Ga, GaSettings, GaStop, Generation};
-pub use problem::{Clearances, Predict, Problem, Score};
+pub use genetic::{Ga, GaSettings, GaSnapshot, GaStop, Generation};
+pub use problem::{Clearances, Fitness, Predict, Problem, Score};
 pub use simplex::{NelderMead, SimplexSettings, SimplexStop};
 
 /// Why there is nothing to optimise.
@@ -51,6 +51,9 @@ pub enum OptimiseError {
         /// Fitnesses told.
         told: usize,
     },
+    /// A stored state of a search is not one of this search.
+    #[error("the stored state does not fit the search: {0}")]
+    Snapshot(&'static str),
     /// No descent reached an optimum.
     #[error("none of {starts} descents reached an optimum within the constraints")]
     NothingConverged {
@@ -85,7 +88,7 @@ fn free(bounds: &crate::parameters::Bounds) -> Result<Vec<usize>, OptimiseError>
 }
 
 /// The point of the box nearest to `x`; a held parameter takes its held value.
-fn clamped(bounds: &crate::parameters::Bounds, x: &crate::parameters::Point) -> crate::parameters::Point {
+pub fn clamped(bounds: &crate::parameters::Bounds, x: &crate::parameters::Point) -> crate::parameters::Point {
     // Not `f64::clamp`, which panics where bounds are out of order; NaN stays
     // NaN, so that it cannot pass for a sound point.
     std::array::from_fn(|i| {

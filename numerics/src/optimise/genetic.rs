@@ -1,6 +1,6 @@
 //! The genetic algorithm, asked for points and told their fitnesses.
 
-use super::breed::{Breeder, Family};
+use super::breed::{Breeder, Family, Shares};
 use super::{OptimiseError, check, free};
 use crate::parameters::{Bounds, Point};
 use rayon::prelude::*;
@@ -47,6 +47,12 @@ impl Default for GaSettings {
 }
 
 impl GaSettings {
+    /// Most points a whole run asks for: the elite of each generation are not asked for again.
+    pub fn most_asked(&self) -> usize {
+        let elite = Shares::new(self).elite;
+        self.population + self.generations.saturating_sub(1) * (self.population - elite)
+    }
+
     fn check(&self) -> Result<(), OptimiseError> {
         check("population", self.population as f64, 2.0..=1e8, "2 to 1e8")?;
         check("generations", self.generations as f64, 1.0..=1e9, "1 to 1e9")?;
@@ -77,6 +83,20 @@ pub struct Generation {
     pub best: f64,
     /// Mean of the finite fitnesses, elite included.
     pub mean: f64,
+}
+
+/// All that a genetic algorithm between [`Ga::tell`] and [`Ga::ask`] cannot compute again from
+/// bounds and settings.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GaSnapshot {
+    /// Every individual in unit coordinates, the elite first.
+    pub units: Vec<Point>,
+    /// Fitnesses of the elite, in their order; infinite where there is none.
+    pub elite: Vec<f64>,
+    /// One entry per generation told.
+    pub history: Vec<Generation>,
+    /// The best point told so far, in table units, and its fitness.
+    pub best: Option<(Point, f64)>,
 }
 
 /// The genetic algorithm as a machine: [`Ga::ask`], evaluate, [`Ga::tell`], repeat.
@@ -125,6 +145,40 @@ impl Ga {
             best: None,
             finished: None,
         })
+    }
+
+    /// Where it stands, to be taken up by [`Ga::restore`]. A finished one leaves nothing to take up.
+    pub fn snapshot(&self) -> GaSnapshot {
+        let elite = self.units.len() - self.asked.len();
+        GaSnapshot {
+            units: self.units.clone(),
+            elite: self.fitnesses[..elite].to_vec(),
+            history: self.history.clone(),
+            best: self.best,
+        }
+    }
+
+    /// The machine of a snapshot, under the bounds and settings it was made with: what
+    /// follows has the bits of a run never interrupted.
+    ///
+    /// # Errors
+    /// When bounds or settings are out of range, or the snapshot is not of such a search.
+    pub fn restore(bounds: Bounds, settings: GaSettings, snapshot: GaSnapshot) -> Result<Self, OptimiseError> {
+        settings.check()?;
+        let breeder = Breeder::new(&settings, free(&bounds)?);
+        let GaSnapshot { units, elite, history, best } = snapshot;
+        if units.len() != settings.population || !units.iter().flatten().all(|u| u.is_finite()) {
+            return Err(OptimiseError::Snapshot("its individuals are not those of the population"));
+        }
+        let begun = !history.is_empty();
+        if elite.len() != if begun { breeder.shares.elite } else { 0 } || history.len() >= settings.generations {
+            return Err(OptimiseError::Snapshot("its elite or its generations do not fit the settings"));
+        }
+        let asked = units[elite.len()..].iter().map(|u| bounds.from_unit(u)).collect();
+        let mut fitnesses = elite;
+        fitnesses.resize(units.len(), f64::INFINITY);
+        let next = units.clone();
+        Ok(Self { bounds, settings, breeder, units, fitnesses, asked, next, history, best, finished: None })
     }
 
     /// The points whose fitness is wanted, in table units; empty once finished.

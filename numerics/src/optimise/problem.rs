@@ -17,19 +17,10 @@ pub type Clearances<'a> = dyn Fn(&[Point], &mut [f64]) + Sync + 'a;
 /// Points whose clearances are asked for together.
 const TASK: usize = 512;
 
-/// A surrogate and what is asked of it.
+/// A surrogate and what is asked of it: [`Fitness`] on its predictions.
 ///
-/// ```text
-/// F = P+ + r (|1 - L+| + |D+| + |M+|)
-///        + s sum_i zeta_i / (Max_i - Min_i)
-///        + s max(0, margin - clearance) / 1 mm
-/// ```
-///
-/// The first two rows are the paper's Eq. 8; zeta_i is the distance by which
-/// parameter i lies outside its bounds. Every penalty is of the first power:
-/// exact once its factor exceeds the largest multiplier. A point outside the box
-/// is judged by the surrogate at the nearest point inside, since a network knows
-/// nothing beyond the samples it was fitted to; the excess itself costs s.
+/// A point outside the box is judged by the surrogate at the nearest point inside, since
+/// a network knows nothing beyond the samples it was fitted to; the excess itself costs s.
 #[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// Scaled means `[L+, D+, M+, P+]` of a batch of points in table units.
@@ -44,6 +35,51 @@ pub struct Problem<'a> {
     pub penalty_r: f64,
     /// Factor s of what lies outside the box or too near to the other wing.
     pub penalty_s: f64,
+}
+
+/// The penalised fitness of a stroke.
+///
+/// ```text
+/// F = P+ + r (|1 - L+| + |D+| + |M+|)
+///        + s sum_i zeta_i / (Max_i - Min_i)
+///        + s max(0, margin - clearance) / 1 mm
+/// ```
+///
+/// The first two rows are the paper's Eq. 8; zeta_i is the distance by which
+/// parameter i lies outside its bounds. Every penalty is of the first power:
+/// exact once its factor exceeds the largest multiplier.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fitness {
+    /// The box searched; `lower == upper` holds a parameter.
+    pub bounds: Bounds,
+    /// Clearance asked for, in metres.
+    pub margin_m: f64,
+    /// Factor r of the violated trim.
+    pub penalty_r: f64,
+    /// Factor s of what lies outside the box or too near to the other wing.
+    pub penalty_s: f64,
+}
+
+impl Fitness {
+    /// Judges a point in table units by `[L+, D+, M+, P+]` and the clearance in metres at
+    /// the nearest point of the box.
+    pub fn judge(&self, x: &Point, outputs: [f64; 4], clearance_m: f64) -> Score {
+        let [lift, drag, moment, power] = outputs;
+        let trim = (1.0 - lift).abs() + drag.abs() + moment.abs();
+        let lack = self.margin_m - clearance_m;
+        // NaN must not pass for enough clearance.
+        let lack = if lack <= 0.0 { 0.0 } else { lack / MILLIMETRE };
+        let beyond = self.penalty_s * (self.excess(x) + lack);
+        let penalty = self.penalty_r.mul_add(trim, beyond);
+        Score { fitness: power + penalty, penalty, outputs, clearance_m }
+    }
+
+    /// Sum over the free parameters of the distance outside the box over its width.
+    fn excess(&self, x: &Point) -> f64 {
+        let (lower, upper) = (&self.bounds.lower, &self.bounds.upper);
+        let zeta = |i: usize| (lower[i] - x[i]).max(x[i] - upper[i]).max(0.0);
+        (0..COUNT).filter(|&i| !self.bounds.is_held(i)).map(|i| zeta(i) / (upper[i] - lower[i])).sum()
+    }
 }
 
 /// How a stroke fares.
@@ -79,35 +115,24 @@ impl Problem<'_> {
         xs.par_iter().map(|x| clamped(&self.bounds, x)).collect_into_vec(inside);
         outputs.resize(xs.len(), [0.0; 4]);
         (self.predict)(inside, outputs);
+        let fitness = self.fitness();
         let tasks = xs.par_chunks(TASK).zip(inside.par_chunks(TASK)).zip(outputs.par_chunks(TASK));
         let parts: Vec<Vec<T>> = tasks
             .map(|((xs, inside), outputs)| {
                 let mut clearances = [0.0; TASK];
                 (self.clearance)(inside, &mut clearances[..xs.len()]);
                 let all = xs.iter().zip(outputs).zip(clearances);
-                all.map(|((x, outputs), clearance)| of(self.judge(x, *outputs, clearance))).collect()
+                all.map(|((x, outputs), clearance)| of(fitness.judge(x, *outputs, clearance))).collect()
             })
             .collect();
         into.clear();
         into.extend(parts.into_iter().flatten());
     }
 
-    fn judge(&self, x: &Point, outputs: [f64; 4], clearance_m: f64) -> Score {
-        let [lift, drag, moment, power] = outputs;
-        let trim = (1.0 - lift).abs() + drag.abs() + moment.abs();
-        let lack = self.margin_m - clearance_m;
-        // NaN must not pass for enough clearance.
-        let lack = if lack <= 0.0 { 0.0 } else { lack / MILLIMETRE };
-        let beyond = self.penalty_s * (self.excess(x) + lack);
-        let penalty = self.penalty_r.mul_add(trim, beyond);
-        Score { fitness: power + penalty, penalty, outputs, clearance_m }
-    }
-
-    /// Sum over the free parameters of the distance outside the box over its width.
-    fn excess(&self, x: &Point) -> f64 {
-        let (lower, upper) = (&self.bounds.lower, &self.bounds.upper);
-        let zeta = |i: usize| (lower[i] - x[i]).max(x[i] - upper[i]).max(0.0);
-        (0..COUNT).filter(|&i| !self.bounds.is_held(i)).map(|i| zeta(i) / (upper[i] - lower[i])).sum()
+    /// The fitness which its predictions are given.
+    fn fitness(&self) -> Fitness {
+        let Self { margin_m, bounds, penalty_r, penalty_s, .. } = *self;
+        Fitness { bounds, margin_m, penalty_r, penalty_s }
     }
 }
 

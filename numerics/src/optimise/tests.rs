@@ -184,6 +184,48 @@ fn asking_and_telling_equals_the_driver() {
 }
 
 #[test]
+fn a_restored_search_goes_on_to_the_same_bits() {
+    let bounds = first(6);
+    let settings = GaSettings { seed: 7, ..ga(60, 20) };
+    // A third of the points cannot be flown.
+    let fitness = |x: &Point| {
+        let u = bounds.to_unit(x);
+        if u[0] > 0.66 { f64::NAN } else { sphere(&u) }
+    };
+    let told = |search: &Ga| search.ask().iter().map(fitness).collect::<Vec<_>>();
+    let mut whole = Ga::new(bounds, settings).unwrap();
+    let mut broken = Ga::new(bounds, settings).unwrap();
+    let mut asked = 0;
+    while whole.finished().is_none() {
+        asked += whole.ask().len();
+        whole.tell(&told(&whole)).unwrap();
+        // Stored and taken up before every generation, the first one too.
+        broken = Ga::restore(bounds, settings, broken.snapshot()).unwrap();
+        broken.tell(&told(&broken)).unwrap();
+        assert_eq!((broken.ask(), broken.history(), broken.best()), (whole.ask(), whole.history(), whole.best()));
+    }
+    assert_eq!((broken.finished(), asked), (Some(GaStop::Generations), settings.most_asked()));
+}
+
+#[test]
+fn a_snapshot_of_another_search_is_refused() {
+    let (bounds, settings) = (first(6), ga(60, 20));
+    let mut search = Ga::new(bounds, settings).unwrap();
+    let told: Vec<f64> = search.ask().iter().map(|x| x[0]).collect();
+    search.tell(&told).unwrap();
+    let snapshot = search.snapshot();
+    assert_eq!((snapshot.units.len(), snapshot.elite.len()), (60, 3));
+    let refused =
+        |settings, snapshot| matches!(Ga::restore(bounds, settings, snapshot), Err(OptimiseError::Snapshot(_)));
+    assert!(refused(ga(50, 20), snapshot.clone()) && refused(ga(60, 1), snapshot.clone()));
+    assert!(refused(settings, GaSnapshot { elite: Vec::new(), ..snapshot.clone() }));
+    assert!(refused(settings, GaSnapshot::default()));
+    let mut wild = snapshot;
+    wild.units[3][2] = f64::NAN;
+    assert!(refused(settings, wild));
+}
+
+#[test]
 fn it_stalls_and_can_be_interrupted() {
     let bounds = first(2);
     let flat = power(bounds, |_| 1.0);
