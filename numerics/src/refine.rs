@@ -7,9 +7,13 @@
 //! knows nothing of queues: strokes flown go in, strokes to fly come out.
 
 mod kriging;
+mod local;
 mod region;
 #[cfg(test)]
 mod tests;
 
 pub use kriging::Kriging;
-pub use region::{Flown, Minimise, Next, RefineSettings, RefineStop, Region, Tools, merit, off_trim, step};
+pub use local::Local;
+pub use region::{
+    Flown, Minimise, Minimum, Next, RefineSettings, RefineStop, Region, Tools, merit, off_trim, step, trimmed_power,
+};

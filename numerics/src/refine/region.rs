@@ -8,8 +8,10 @@ use crate::optimise::sqp::Differentiable;
 use crate::parameters::{Bounds, COUNT, Point};
 use crate::surrogate::Jacobian;
 
-/// Weight of |1 - L+| + |D+| + |M+| in the merit; above every multiplier of the trim met so far.
-const PENALTY: f64 = 2.0;
+/// Least weight of |1 - L+| + |D+| + |M+| in the merit.
+const LEAST_WEIGHT: f64 = 2.0;
+/// That weight over the largest multiplier of the trim met so far: below 1 the least merit is out of trim.
+const ABOVE: f64 = 1.5;
 /// Largest gap of L+, D+ and M+ which counts as agreement even where the standard error is smaller.
 const AGREED: f64 = 1e-3;
 /// Largest |1 - L+| + |D+| + |M+| of an answer.
@@ -58,6 +60,27 @@ pub struct Region {
     pub radius: f64,
     /// Which flown stroke the last candidate is, and what was predicted of it.
     pub candidate: Option<(usize, [f64; 4])>,
+    /// Weight of |1 - L+| + |D+| + |M+| in the [`merit`]; it only grows.
+    pub weight: f64,
+    /// Prices at the last optimum of the corrected surrogate: by how much P+ rises per unit of
+    /// L+, D+ and M+ asked for.
+    pub prices: Option<[f64; 3]>,
+}
+
+impl Default for Region {
+    /// Before the first round.
+    fn default() -> Self {
+        let radius = RefineSettings::default().radius;
+        Self { round: 0, radius, candidate: None, weight: LEAST_WEIGHT, prices: None }
+    }
+}
+
+impl Region {
+    /// The prices, and a weight above them.
+    fn priced(&self, prices: [f64; 3]) -> Self {
+        let largest = prices.iter().map(|p| p.abs()).fold(0.0, f64::max);
+        Self { weight: self.weight.max(ABOVE * largest), prices: Some(prices), ..self.clone() }
+    }
 }
 
 /// Why refining ended.
@@ -91,11 +114,22 @@ pub enum Next {
         best: usize,
         /// `[L+, D+, M+, P+]` predicted there by everything else known.
         predicted: [f64; 4],
+        /// The region with its last weight and prices.
+        region: Region,
     },
 }
 
+/// An optimum of a model in a trust region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Minimum {
+    /// The stroke.
+    pub point: Point,
+    /// By how much P+ rises per unit of L+, D+ and M+ asked for.
+    pub prices: [f64; 3],
+}
+
 /// The least P+ with L+ = 1, D+ = M+ = 0 and enough clearance, of a model within bounds, from a start.
-pub type Minimise<'a> = dyn Fn(&dyn Differentiable, &Bounds, &Point) -> Option<Point> + 'a;
+pub type Minimise<'a> = dyn Fn(&dyn Differentiable, &Bounds, &Point) -> Option<Minimum> + 'a;
 
 /// The surrogate, and how an optimum is found on a corrected one.
 pub struct Tools<'a> {
@@ -107,14 +141,20 @@ pub struct Tools<'a> {
     pub clear: &'a dyn Fn(&Point) -> bool,
 }
 
-/// Merit of a stroke: P+ + 2 (|1 - L+| + |D+| + |M+|).
-pub fn merit(y: &[f64; 4]) -> f64 {
-    y[3] + PENALTY * off_trim(y)
+/// Merit of a stroke: P+ + w (|1 - L+| + |D+| + |M+|).
+pub fn merit(y: &[f64; 4], weight: f64) -> f64 {
+    y[3] + weight * off_trim(y)
 }
 
 /// Standard error of a merit whose parts all err to one side.
-fn noise(se: &[f64; 4]) -> f64 {
-    se[3] + PENALTY * (se[0] + se[1] + se[2])
+fn noise(se: &[f64; 4], weight: f64) -> f64 {
+    se[3] + weight * (se[0] + se[1] + se[2])
+}
+
+/// P+ of a stroke corrected to exact trim by the prices of L+, D+ and M+, to first order:
+/// P+ + p_L (1 - L+) - p_D D+ - p_M M+.
+pub fn trimmed_power(y: &[f64; 4], prices: &[f64; 3]) -> f64 {
+    y[3] + prices[0] * (1.0 - y[0]) - prices[1] * y[1] - prices[2] * y[2]
 }
 
 /// |1 - L+| + |D+| + |M+|.
@@ -125,47 +165,49 @@ pub fn off_trim(y: &[f64; 4]) -> f64 {
 /// One round: judges the last candidate, learns from all strokes flown, proposes
 /// the next. `flown` begins with the optimum of the surrogate.
 pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown: &[Flown], region: &Region) -> Next {
-    let Some(best) = best_of(flown) else {
-        return Next::Done { stop: RefineStop::Nothing, best: 0, predicted: [f64::NAN; 4] };
+    let Some(best) = best_of(flown, region.weight) else {
+        return Next::Done { stop: RefineStop::Nothing, best: 0, predicted: [f64::NAN; 4], region: region.clone() };
     };
     let (radius, agreed) = judge(flown, region, best);
-    let done = |stop| {
+    let done = |stop, region: Region| {
         let others: Vec<Flown> = flown.iter().enumerate().filter(|(i, _)| *i != best).map(|(_, f)| *f).collect();
         let predicted = match region.candidate {
             Some((candidate, predicted)) if candidate == best => predicted,
             _ => Corrected::new(tools.surrogate, bounds, &others).at(&flown[best].x),
         };
-        Next::Done { stop, best, predicted }
+        Next::Done { stop, best, predicted, region }
     };
     if flown.len() >= settings.simulations {
-        return done(RefineStop::Budget);
+        return done(RefineStop::Budget, region.clone());
     }
     if radius < SMALLEST {
-        return done(RefineStop::Radius);
+        return done(RefineStop::Radius, region.clone());
     }
     let centre = flown[best].x;
     let corrected = Corrected::new(tools.surrogate, bounds, flown);
     // Far from trim the nearest stroke in trim may lie outside: then the reach grows.
     let reaches = std::iter::successors(Some(radius), |reach| (*reach < 1.0).then_some(2.0 * reach));
     let found = reaches.map(|reach| (tools.minimise)(&corrected, &around(bounds, &centre, reach), &centre));
-    let Some(candidate) = found.flatten().next() else { return done(RefineStop::Nothing) };
-    let predicted = corrected.at(&candidate);
+    let Some(candidate) = found.flatten().next() else { return done(RefineStop::Nothing, region.clone()) };
+    let region = region.priced(candidate.prices);
+    let predicted = corrected.at(&candidate.point);
     let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
-    let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1));
-    if agreed && off_trim(&here) <= TRIMMED && merit(&here) - merit(&predicted) < doubt.max(GAIN) {
-        return done(RefineStop::Agreed);
+    let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1, region.weight));
+    let gain = merit(&here, region.weight) - merit(&predicted, region.weight);
+    if agreed && off_trim(&here) <= TRIMMED && gain < doubt.max(GAIN) {
+        return done(RefineStop::Agreed, region);
     }
     // Once a prediction held, fewer points around the next one are enough.
     let size = if agreed { settings.batch.div_ceil(3) } else { settings.batch };
     let size = size.clamp(1, settings.simulations - flown.len());
-    let batch = batch(tools, bounds, settings, &candidate, radius, region.round, size);
+    let batch = batch(tools, bounds, settings, &candidate.point, radius, region.round, size);
     let candidate = Some((flown.len(), predicted));
-    Next::Fly { region: Region { round: region.round + 1, radius, candidate }, batch }
+    Next::Fly { region: Region { round: region.round + 1, radius, candidate, ..region }, batch }
 }
 
 /// The stroke of least merit flown so far.
-fn best_of(flown: &[Flown]) -> Option<usize> {
-    let merits = flown.iter().enumerate().filter_map(|(i, f)| f.means.map(|m| (i, merit(&m.0))));
+fn best_of(flown: &[Flown], weight: f64) -> Option<usize> {
+    let merits = flown.iter().enumerate().filter_map(|(i, f)| f.means.map(|m| (i, merit(&m.0, weight))));
     merits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
 }
 
@@ -174,9 +216,10 @@ fn judge(flown: &[Flown], region: &Region, best: usize) -> (f64, bool) {
     let Some((candidate, predicted)) = region.candidate else { return (region.radius, false) };
     let Some((y, se)) = flown[candidate].means else { return (region.radius * 0.5, false) };
     let agrees = (0..4).all(|k| (y[k] - predicted[k]).abs() <= (2.0 * se[k]).max(AGREED));
+    let merit = |y: &[f64; 4]| merit(y, region.weight);
     let before = flown[..candidate].iter().filter_map(|f| f.means.map(|m| merit(&m.0))).fold(f64::INFINITY, f64::min);
     let (foreseen, gained) = (before - merit(&predicted), before - merit(&y));
-    let doubt = noise(&se).max(GAIN);
+    let doubt = noise(&se, region.weight).max(GAIN);
     // Where no more than noise was to be gained, the merit says nothing about the model.
     let radius = if foreseen < doubt && agrees {
         region.radius

@@ -49,7 +49,7 @@ fn jacobian(f: &dyn Fn(&Point) -> [f64; 4], x: &Point) -> Jacobian {
 }
 
 /// Augmented Lagrangian with projected gradient steps: slow, short and independent of the optimisers.
-fn minimise(model: &dyn Differentiable, bounds: &Bounds, start: &Point) -> Option<Point> {
+fn minimise(model: &dyn Differentiable, bounds: &Bounds, start: &Point) -> Option<Minimum> {
     let f = |x: &Point| {
         let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
         model.jacobians_into(std::slice::from_ref(x), &mut out);
@@ -72,11 +72,16 @@ fn minimise(model: &dyn Differentiable, bounds: &Bounds, start: &Point) -> Optio
             *price += weight * off;
         }
     }
-    Some(x)
+    // Its prices are of the constraint's value, those asked for are of the value asked for.
+    Some(Minimum { point: x, prices: price.map(|p: f64| -p) })
 }
 
 fn tools() -> Tools<'static> {
-    Tools { surrogate: &Smooth(surrogate), minimise: &minimise, clear: &|_| true }
+    tools_on(&Smooth(surrogate))
+}
+
+fn tools_on(surrogate: &dyn Differentiable) -> Tools<'_> {
+    Tools { surrogate, minimise: &minimise, clear: &|_| true }
 }
 
 /// Rounds until done: what is flown, why it ended, which is best, what was predicted of it.
@@ -84,11 +89,22 @@ fn refined(settings: &RefineSettings, fly: &dyn Fn(&Point) -> Option<[f64; 4]>) 
     let bounds = Bounds::default();
     let fly = |x: &Point| Flown { x: *x, means: fly(x).map(|y| (y, [2e-4; 4])) };
     let centre = bounds.from_unit(&[0.5; COUNT]);
-    let start = minimise(&Smooth(surrogate), &bounds, &centre).expect("a start");
-    let mut flown = vec![fly(&start)];
-    let mut region = Region { round: 0, radius: settings.radius, candidate: None };
+    let start = minimise(&Smooth(surrogate), &bounds, &centre).expect("a start").point;
+    refined_from(&tools(), fly(&start), settings, &fly)
+}
+
+/// [`refined`] from a stroke flown, with tools of one's own.
+fn refined_from(
+    tools: &Tools<'_>,
+    start: Flown,
+    settings: &RefineSettings,
+    fly: &dyn Fn(&Point) -> Flown,
+) -> (Vec<Flown>, Next) {
+    let bounds = Bounds::default();
+    let mut flown = vec![start];
+    let mut region = Region::default();
     loop {
-        match step(&tools(), &bounds, settings, &flown, &region) {
+        match step(tools, &bounds, settings, &flown, &region) {
             Next::Fly { region: next, batch } => {
                 flown.extend(batch.iter().map(fly));
                 region = next;
@@ -100,20 +116,76 @@ fn refined(settings: &RefineSettings, fly: &dyn Fn(&Point) -> Option<[f64; 4]>) 
 
 #[test]
 fn prediction_and_simulation_come_to_agree_at_the_true_optimum() {
-    let bounds = Bounds::default();
     let settings = RefineSettings { seed: 5, ..RefineSettings::default() };
     let (flown, done) = refined(&settings, &|x| Some(truth(x)));
-    let Next::Done { stop, best, predicted } = done else { panic!("not done") };
-    let found = flown[best].means.expect("means").0;
-    assert_eq!(stop, RefineStop::Agreed, "{} flown, {found:?}", flown.len());
     assert!(flown.len() <= settings.simulations);
+    assert_optimal(&flown, &done);
     // The surrogate's own optimum is off by far more.
     assert!(off_trim(&flown[0].means.expect("means").0) > 0.05);
+}
+
+/// The best stroke flown is the true optimum, in trim and as predicted.
+fn assert_optimal(flown: &[Flown], done: &Next) {
+    let bounds = Bounds::default();
+    let Next::Done { stop, best, predicted, region } = done else { panic!("not done") };
+    let found = flown[*best].means.expect("means").0;
+    assert_eq!(*stop, RefineStop::Agreed, "{} flown, {found:?}", flown.len());
     assert!(off_trim(&found) < 3e-3, "{found:?}");
     assert!((0..4).all(|k| (predicted[k] - found[k]).abs() < 2e-3), "{predicted:?} {found:?}");
-    let optimum = minimise(&Smooth(truth), &bounds, &flown[best].x).expect("an optimum");
-    let least = truth(&optimum);
+    let optimum = minimise(&Smooth(truth), &bounds, &flown[*best].x).expect("an optimum");
+    let least = truth(&optimum.point);
     assert!((found[3] - least[3]).abs() < 0.01, "{found:?} {least:?}");
+    // What it costs to be in trim to the last digit, and a weight which keeps the least merit there.
+    let prices = region.prices.expect("prices");
+    assert!((trimmed_power(&found, &prices) - found[3]).abs() <= region.weight * off_trim(&found));
+    assert!((0..3).all(|k| (prices[k] - optimum.prices[k]).abs() < 0.1), "{prices:?} {:?}", optimum.prices);
+    assert!(prices.iter().all(|p| p.abs() < region.weight));
+}
+
+/// Without a surrogate: what was flown near the optimum stands in for it.
+#[test]
+fn strokes_flown_nearby_are_enough_to_begin_with() {
+    let bounds = Bounds::default();
+    let fly = |x: &Point| Flown { x: *x, means: Some((truth(x), [2e-4; 4])) };
+    let off = bounds.from_unit(&[0.5; COUNT]);
+    let optimum = minimise(&Smooth(truth), &bounds, &off).expect("an optimum").point;
+    // A search left strokes about a place a few per cent of the box away from the optimum.
+    let near = |i: u64| {
+        let spread = crate::sampling::sample(&bounds, 17, i, &|_| true).expect("a point");
+        let x = std::array::from_fn(|k| optimum[k] + 0.25 * (spread[k] - off[k]));
+        fly(&crate::optimise::clamped(&bounds, &x))
+    };
+    let flown: Vec<Flown> = (0..300).map(near).collect();
+    let start = flown[11];
+    assert!(off_trim(&start.means.expect("means").0) > 0.02);
+    let model = Local::fit(&bounds, &start.x, &flown).expect("a model");
+    let (flown, done) = refined_from(&tools_on(&model), start, &RefineSettings::default(), &fly);
+    assert!(flown.len() <= 100, "{}", flown.len());
+    assert_optimal(&flown, &done);
+}
+
+/// Power is bought at 8 a unit of lift: with a weight of 2 the least merit would be on the ground.
+#[test]
+fn the_weight_of_the_trim_is_above_its_prices() {
+    let steep = |x: &Point| {
+        let u = Bounds::default().to_unit(x);
+        [0.5 + u[0], u[1] - 0.5, u[2] - 0.5, 8.0 * u[0] + 0.1 * u[3..].iter().sum::<f64>()]
+    };
+    struct Steep<F>(F);
+    impl<F: Fn(&Point) -> [f64; 4] + Sync> Differentiable for Steep<F> {
+        fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
+            for (x, place) in xs.iter().zip(out) {
+                *place = jacobian(&self.0, x);
+            }
+        }
+    }
+    let model = Steep(steep);
+    let fly = |x: &Point| Flown { x: *x, means: Some((steep(x), [2e-4; 4])) };
+    let start = fly(&Bounds::default().from_unit(&[0.3; COUNT]));
+    let (flown, done) = refined_from(&tools_on(&model), start, &RefineSettings::default(), &fly);
+    let Next::Done { best, region, .. } = done else { panic!("not done") };
+    assert!(region.weight > 8.0, "{region:?}");
+    assert!(off_trim(&flown[best].means.expect("means").0) < 5e-3, "{:?}", flown[best]);
 }
 
 #[test]
