@@ -7,6 +7,7 @@
 
 pub mod analysis;
 mod breed;
+pub mod direct;
 mod drive;
 mod genetic;
 mod problem;

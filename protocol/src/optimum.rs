@@ -83,7 +83,7 @@ pub struct Optimality {
 pub struct OptimiseResult {
     /// The optimum.
     pub parameters: ParameterValues,
-    /// What the network predicts there.
+    /// What the network predicts there; of `direct`, what was simulated while searching.
     pub predicted: Scaled,
     /// Fitness F (paper Eq. 8).
     pub fitness: f64,
@@ -95,9 +95,9 @@ pub struct OptimiseResult {
     pub history: Vec<GenerationMessage>,
     /// Why the search stopped.
     pub stopped: String,
-    /// Evaluations of the network.
+    /// Evaluations of the network; of `direct`, strokes asked for.
     pub evaluations: u64,
-    /// What `sqp` knows beside; absent for `paper`.
+    /// What `sqp` knows beside; absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub optimality: Option<Optimality>,
     /// Version of the numbers.

@@ -29,6 +29,10 @@ pub const MAX_NEURONS: u32 = 1_000;
 pub const MAX_ENSEMBLE: u32 = 16;
 /// Largest population.
 pub const MAX_POPULATION: u32 = 1_000_000;
+/// Largest population whose fitness is flown: strokes of one round.
+pub const MAX_FLOWN_POPULATION: u32 = 1_000;
+/// Most generations whose fitness is flown, each a round.
+pub const MAX_FLOWN_GENERATIONS: u32 = 900;
 /// Most descents of one optimisation.
 pub const MAX_STARTS: u32 = 100_000;
 /// Most optimisations of one study.
@@ -237,7 +241,7 @@ fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faul
     faults.within("/surrogate/train_share", spec.train_share, 0.1, 0.98);
     faults.within("/surrogate/validation_share", spec.validation_share, 0.01, 0.5);
     let rest = 1.0 - spec.train_share - spec.validation_share;
-    if rest * f64::from(samples) < 1.0 - 1e-9 {
+    if samples > 0 && rest * f64::from(samples) < 1.0 - 1e-9 {
         faults.add("/surrogate/train_share", "leaves no sample to test with");
     }
     TrainSettings {
@@ -274,8 +278,12 @@ fn optimisation_at(
     faults.within(&format!("{at}/starts"), spec.starts.into(), 1.0, MAX_STARTS.into());
     faults.within(&format!("{at}/penalty_r"), spec.penalty_r, 0.0, 1e9);
     faults.within(&format!("{at}/penalty_s"), spec.penalty_s, 0.0, 1e9);
-    faults.within(&format!("{at}/population"), spec.population.into(), 10.0, MAX_POPULATION.into());
-    faults.within(&format!("{at}/generations"), spec.generations.into(), 1.0, 10_000.0);
+    let direct = spec.is_direct();
+    let (individuals, generations) =
+        if direct { (MAX_FLOWN_POPULATION, MAX_FLOWN_GENERATIONS) } else { (MAX_POPULATION, 10_000) };
+    let least = if direct { 4.0 } else { 10.0 };
+    faults.within(&format!("{at}/population"), spec.population().into(), least, individuals.into());
+    faults.within(&format!("{at}/generations"), spec.generations().into(), 1.0, generations.into());
     faults.within(&format!("{at}/tolerance"), spec.tolerance, 0.0, 1.0);
     faults.within(&format!("{at}/simplex_tolerance"), spec.simplex_tolerance, 0.0, 1.0);
     faults.within(&format!("{at}/clearance_margin_mm"), spec.clearance_margin_mm, -1000.0, 1000.0);
@@ -285,8 +293,8 @@ fn optimisation_at(
         bounds,
         sqp: SqpSettings { starts: spec.starts as usize, seed, ..SqpSettings::default() },
         ga: GaSettings {
-            population: spec.population as usize,
-            generations: spec.generations as usize,
+            population: spec.population() as usize,
+            generations: spec.generations() as usize,
             tolerance: spec.tolerance,
             seed,
             ..GaSettings::default()
@@ -342,7 +350,13 @@ pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
     let model = model_at(&spec.model, "/model", &mut faults);
     let bounds = study_bounds(spec, &mut faults);
     let samples = spec.sampling.samples;
-    faults.within("/sampling/samples", samples.into(), MIN_SAMPLES.into(), MAX_SAMPLES.into());
+    let direct = !spec.optimisations.is_empty() && spec.optimisations.iter().all(OptimisationSpec::is_direct);
+    if samples != 0 {
+        faults.within("/sampling/samples", samples.into(), MIN_SAMPLES.into(), MAX_SAMPLES.into());
+    } else if !direct {
+        let why = "is 0, which is for studies whose optimisations are all `direct`; otherwise";
+        faults.add("/sampling/samples", format!("{why} {MIN_SAMPLES} to {MAX_SAMPLES}"));
+    }
     faults.within("/sampling/faces", spec.sampling.faces, 0.0, 1.0);
     faults.within("/sampling/clearance_margin_mm", spec.sampling.clearance_margin_mm, -1000.0, 1000.0);
     let surrogate = surrogate_at(&spec.surrogate, samples, spec.seed, &mut faults);

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use utoipa::ToSchema;
 
 use crate::strict;
@@ -106,7 +106,7 @@ impl Default for ModelSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingSpec {
-    /// Feasible samples wanted.
+    /// Feasible samples wanted; 0 where every optimisation is `direct`: then nothing is sampled or trained.
     pub samples: u32,
     /// Least distance of the wings from the plane of symmetry, mm.
     #[serde(default)]
@@ -188,15 +188,28 @@ pub enum Method {
     Sqp,
     /// As the paper: genetic algorithm on the penalised fitness (Eq. 8), then simplex.
     Paper,
+    /// The genetic algorithm on simulations themselves, no network between.
+    Direct,
 }
 
-/// One optimisation on the trained network.
+impl Method {
+    /// Population and generations where a study leaves them out: the paper's.
+    fn effort(self) -> (u32, u32) {
+        match self {
+            Self::Sqp | Self::Paper => (100_000, 300),
+            Self::Direct => (300, 50),
+        }
+    }
+}
+
+/// One optimisation, on the trained network or by simulations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+// Read by an implementation below, which knows defaults that depend on the method.
+#[serde(deny_unknown_fields, remote = "Self")]
 pub struct OptimisationSpec {
     /// Name, unique in the study.
     pub name: String,
-    /// `sqp`, or `paper` for genetic algorithm and simplex.
+    /// `sqp`, `paper` for genetic algorithm and simplex, or `direct` for the genetic algorithm on simulations.
     #[serde(default)]
     pub method: Method,
     /// Narrower bounds or held values, inside the study's.
@@ -211,12 +224,12 @@ pub struct OptimisationSpec {
     /// Weight s of leaving the bounds (paper Eq. 8).
     #[serde(default = "penalty_s")]
     pub penalty_s: f64,
-    /// Individuals of the genetic algorithm; this and what follows of it is for `paper`.
-    #[serde(default = "population")]
-    pub population: u32,
-    /// Most generations.
-    #[serde(default = "generations")]
-    pub generations: u32,
+    /// Individuals of the genetic algorithm, of `paper` and `direct`; 100000 and 300 where left out.
+    #[serde(default)]
+    pub population: Option<u32>,
+    /// Most generations; 300 of `paper` and 50 of `direct` where left out.
+    #[serde(default)]
+    pub generations: Option<u32>,
     /// Stop when the best fitness changes less than this over 50 generations.
     #[serde(default = "tolerance")]
     pub tolerance: f64,
@@ -234,6 +247,37 @@ pub struct OptimisationSpec {
     pub refine_simulations: u32,
 }
 
+impl OptimisationSpec {
+    /// Individuals of a generation.
+    pub fn population(&self) -> u32 {
+        self.population.unwrap_or(self.method.effort().0)
+    }
+
+    /// Most generations.
+    pub fn generations(&self) -> u32 {
+        self.generations.unwrap_or(self.method.effort().1)
+    }
+
+    /// Whether its fitness is flown.
+    pub fn is_direct(&self) -> bool {
+        self.method == Method::Direct
+    }
+}
+
+impl<'de> Deserialize<'de> for OptimisationSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let given = Self::deserialize(deserializer)?;
+        let (population, generations) = (Some(given.population()), Some(given.generations()));
+        Ok(Self { population, generations, ..given })
+    }
+}
+
+impl Serialize for OptimisationSpec {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
 fn starts() -> u32 {
     200
 }
@@ -242,12 +286,6 @@ fn penalty_r() -> f64 {
 }
 fn penalty_s() -> f64 {
     5.0
-}
-fn population() -> u32 {
-    100_000
-}
-fn generations() -> u32 {
-    300
 }
 fn tolerance() -> f64 {
     1e-6
@@ -260,4 +298,24 @@ fn verify_strokes() -> u32 {
 }
 fn refine_simulations() -> u32 {
     150
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_out_of_an_optimisation_depends_on_its_method() {
+        let read = |json| serde_json::from_str::<OptimisationSpec>(json).unwrap();
+        let of = |o: &OptimisationSpec| (o.population, o.generations);
+        assert_eq!(of(&read(r#"{"name":"a"}"#)), (Some(100_000), Some(300)));
+        let direct = read(r#"{"name":"a","method":"direct","generations":7}"#);
+        assert_eq!(of(&direct), (Some(300), Some(7)));
+        // What is left out is shown, and what is shown is read again.
+        let shown = serde_json::to_value(&direct).unwrap();
+        assert_eq!((&shown["population"], &shown["generations"]), (&300.into(), &7.into()));
+        assert_eq!(serde_json::from_value::<OptimisationSpec>(shown).unwrap(), direct);
+        let told = serde_json::from_str::<OptimisationSpec>(r#"{"name":"a","colour":1}"#).unwrap_err().to_string();
+        assert!(told.contains("unknown field `colour`"), "{told}");
+    }
 }

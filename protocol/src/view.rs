@@ -132,7 +132,7 @@ pub struct StudyView {
     pub samples: JobCounts,
     /// Jobs of the present stage by state.
     pub stage_jobs: JobCounts,
-    /// Where the stage's one long job is.
+    /// Where the stage's one long job is, or generations which are flown: strokes done and at most asked for.
     pub progress: Option<Progress>,
     /// Jobs per second over the last minute of this stage.
     pub rate_per_s: Option<f64>,
@@ -195,6 +195,9 @@ pub struct OptimumView {
     pub simulated: Option<SimulateResult>,
     /// Simulated minus predicted.
     pub gap: Option<Scaled>,
+    /// How the generations of a `direct` optimisation stand, once the first is flown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub breeding: Option<SearchView>,
     /// How the search around it stands, once it has begun.
     pub search: Option<SearchView>,
 }
@@ -283,6 +286,9 @@ pub struct OptimumResult {
     /// What the constraints cost, and how exact the optimum is; absent for `paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub optimality: Option<Optimality>,
+    /// The generations which found it, of `direct`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub breeding: Option<SearchView>,
     /// The refined optimum, once the search around the first has begun.
     pub refined: Option<SearchView>,
 }
@@ -328,6 +334,10 @@ pub enum JobRole {
     Search,
     /// A stroke which a search asked for.
     Probe,
+    /// One generation of a genetic algorithm whose fitness is flown.
+    Generation,
+    /// A stroke which a generation asked for.
+    Individual,
 }
 
 /// One page of a list.
@@ -377,7 +387,8 @@ pub struct WorkerView {
 /// Whether a study would be accepted and what it would cost. `POST /v1/studies?dry_run=true`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DryRun {
-    /// Simulations it would queue.
+    /// Simulations it would queue: samples, each optimum once more, and at most what the
+    /// generations of its `direct` optimisations ask for; not what refining will.
     pub simulations: u64,
     /// Faults; empty when it would be accepted.
     pub errors: Vec<FieldProblem>,
