@@ -97,10 +97,19 @@ pub struct ResolvedOptimisation {
     pub bounds: Bounds,
     /// Sequential quadratic programming.
     pub sqp: SqpSettings,
+    /// Whether the genetic algorithm's fitness is flown.
+    pub direct: bool,
     /// Genetic algorithm.
     pub ga: GaSettings,
     /// Simplex.
     pub simplex: SimplexSettings,
+}
+
+impl ResolvedOptimisation {
+    /// Strokes its generations ask for at most; 0 where a network answers.
+    pub fn individuals(&self) -> usize {
+        if self.direct { self.ga.most_asked() } else { 0 }
+    }
 }
 
 /// A study, checked.
@@ -292,6 +301,7 @@ fn optimisation_at(
     ResolvedOptimisation {
         bounds,
         sqp: SqpSettings { starts: spec.starts as usize, seed, ..SqpSettings::default() },
+        direct,
         ga: GaSettings {
             population: spec.population() as usize,
             generations: spec.generations() as usize,

@@ -22,9 +22,15 @@ impl Checked {
         self.drawn.iter().map(|drawn| &drawn.point)
     }
 
-    /// Simulations it would queue: the samples, and each optimum once more.
+    /// Simulations it would queue: the samples, each optimum once more, and what generations
+    /// ask for at most; not what refining will.
     pub fn simulations(&self) -> u64 {
-        (self.drawn.len() + self.resolved.optimisations.len()) as u64
+        (self.drawn.len() + self.resolved.optimisations.len()) as u64 + self.individuals()
+    }
+
+    /// Strokes which generations ask for at most.
+    pub fn individuals(&self) -> u64 {
+        self.resolved.optimisations.iter().map(|o| o.individuals() as u64).sum()
     }
 }
 

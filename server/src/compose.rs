@@ -5,7 +5,7 @@ use std::time::Duration;
 use manduca_numerics::uvlm;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::{ResolvedOptimisation, ResolvedStudy};
-use manduca_protocol::search::{FlownMessage, SearchNext, SearchResult, SearchTask};
+use manduca_protocol::search::{FlownMessage, SearchState, SearchTask};
 use manduca_protocol::study::{ModelKind, OptimisationSpec, StudySpec};
 use manduca_protocol::task::{
     JobKind, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
@@ -14,7 +14,7 @@ use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
 
 use crate::draw::simulate_task;
-use crate::store::{Leased, StoreError, kind_of, optimisation_of_probe, round_of};
+use crate::store::{Leased, StoreError, kind_of, optimisation_of_stroke, round_of};
 
 /// How long a job may compute before it is taken for an endless one.
 fn run_limit(kind: JobKind) -> Duration {
@@ -48,8 +48,7 @@ pub(crate) fn simulation(spec: &StudySpec, role: JobRole, ordinal: u32, paramete
     let point = serde_json::from_str(parameters).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     Ok(Task::Simulate(match role {
         JobRole::Verify => verify_task(spec, ordinal, ParameterValues(point)),
-        JobRole::Probe => probe_task(spec, ordinal, ParameterValues(point)),
-        _ => simulate_task(spec, &point),
+        _ => stroke_task(spec, role, ordinal, ParameterValues(point)),
     }))
 }
 
@@ -66,9 +65,13 @@ pub(crate) fn verify_task(spec: &StudySpec, ordinal: u32, parameters: ParameterV
     SimulateTask { model, parameters }
 }
 
-/// The simulation of a stroke which a search asked for: as exact as that of an optimum.
-pub(crate) fn probe_task(spec: &StudySpec, ordinal: u32, parameters: ParameterValues) -> SimulateTask {
-    verify_task(spec, optimisation_of_probe(ordinal), parameters)
+/// The simulation of a stroke which is sampled, or which a search asked for: refining flies
+/// as exactly as an optimum, a generation as a sample.
+pub(crate) fn stroke_task(spec: &StudySpec, role: JobRole, ordinal: u32, parameters: ParameterValues) -> SimulateTask {
+    match role {
+        JobRole::Probe => verify_task(spec, optimisation_of_stroke(ordinal), parameters),
+        _ => simulate_task(spec, &parameters.0),
+    }
 }
 
 /// The training on a study's samples, from where an earlier attempt stood.
@@ -115,21 +118,17 @@ pub(crate) fn optimise_task(
     }))
 }
 
-/// A round of one of a study's searches, after the round before and the strokes it asked for.
+/// A round of one of a study's searches, after what the round before left and the strokes it asked for.
 pub(crate) fn search_task(
     spec: &StudySpec,
     study: &ResolvedStudy,
     ordinal: u32,
-    surrogate: SurrogateMessage,
-    before: Option<SearchResult>,
+    surrogate: Option<SurrogateMessage>,
+    state: SearchState,
     flown: Vec<FlownMessage>,
 ) -> Result<Task, StoreError> {
     let (index, _) = round_of(ordinal);
     let (optimisation, resolved) = optimisation(spec, study, index)?;
-    let state = before.and_then(|result| match result.next {
-        SearchNext::Fly { state, .. } => Some(state),
-        SearchNext::Done { .. } => None,
-    });
     Ok(Task::Search(SearchTask {
         model: spec.model.clone(),
         bounds: (&resolved.bounds).into(),

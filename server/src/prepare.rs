@@ -83,6 +83,7 @@ fn standing(result: SearchResult) -> SearchView {
     let standing = result.standing;
     match result.next {
         SearchNext::Done { reason, converged } => SearchView { standing, ended: Some(reason), converged },
+        SearchNext::Found { optimum } => SearchView { standing, ended: Some(optimum.stopped), converged: true },
         SearchNext::Fly { .. } => SearchView { standing, ended: None, converged: false },
     }
 }

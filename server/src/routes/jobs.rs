@@ -17,7 +17,7 @@ use crate::error::ApiError;
 use crate::http::cursor;
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{JobFilter, StoreError, role_name, state_name};
+use crate::store::{JobFilter, StoreError, role_name, round_of, state_name};
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(list)).routes(routes!(show)).routes(routes!(task))
@@ -79,10 +79,12 @@ fn position(text: &str) -> Result<(String, i64), ApiError> {
 
 fn roles(kind: JobKind) -> Vec<&'static str> {
     match kind {
-        JobKind::Simulate => [JobRole::Sample, JobRole::Verify, JobRole::Probe].map(role_name).to_vec(),
+        JobKind::Simulate => {
+            [JobRole::Sample, JobRole::Verify, JobRole::Probe, JobRole::Individual].map(role_name).to_vec()
+        }
         JobKind::Train => vec![role_name(JobRole::Train)],
         JobKind::Optimise => vec![role_name(JobRole::Optimise)],
-        JobKind::Search => vec![role_name(JobRole::Search)],
+        JobKind::Search => [JobRole::Search, JobRole::Generation].map(role_name).to_vec(),
     }
 }
 
@@ -104,7 +106,7 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
     let store = state.store();
     let row = store.task_row(job).await?;
     let task = match row.role {
-        JobRole::Sample | JobRole::Verify | JobRole::Probe => {
+        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual => {
             let parameters = row.parameters.unwrap_or_default();
             compose::simulation(&row.spec, row.role, row.ordinal, &parameters)?
         }
@@ -117,9 +119,11 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
             let surrogate = trained(&state, row.study).await?;
             compose::optimise_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate)?
         }
-        JobRole::Search => {
-            let surrogate = trained(&state, row.study).await?;
-            let (before, flown) = store.before_round(row.study, row.ordinal).await?;
+        JobRole::Search | JobRole::Generation => {
+            let (optimisation, _) = round_of(row.ordinal);
+            let direct = row.spec.optimisations.get(optimisation as usize).is_some_and(|o| o.is_direct());
+            let surrogate = if direct { None } else { Some(trained(&state, row.study).await?) };
+            let (before, flown) = store.before_round(row.study, row.role, row.ordinal, direct).await?;
             compose::search_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate, before, flown)?
         }
     };

@@ -57,8 +57,8 @@ async fn find(state: &AppState, study: StudyId, name: &str) -> Result<OptimumVie
     all.find(|o| o.name == name).ok_or_else(|| ApiError::UnknownOptimisation(name.to_owned()))
 }
 
-/// Asks a study which has ended with a network for a further optimum. Nothing is sampled
-/// or trained again; the optimum is flown like the others.
+/// Asks a study which has ended for a further optimum. Nothing is sampled or trained again;
+/// the optimum is flown like the others. A study without samples can be asked for `direct` ones.
 ///
 /// The same optimisation asked for again is found, not repeated.
 #[utoipa::path(post, path = "/v1/studies/{study}/optimisations", tag = "studies",
@@ -99,6 +99,12 @@ fn check(spec: &OptimisationSpec, asked: &StudySpec) -> Result<(), ApiError> {
     };
     let study = resolve::study(asked).map_err(corrupt)?;
     let mut faults = resolve::optimisation(spec, &study.bounds, asked.seed).err().unwrap_or_default();
+    if asked.sampling.samples == 0 && !spec.is_direct() {
+        faults.push(FieldProblem::new(
+            "/method",
+            "needs a network, and a study without samples has none; `direct` does not",
+        ));
+    }
     let same = asked.optimisations.iter().find(|o| o.name == spec.name);
     if same.is_some_and(|same| same != spec) {
         faults.push(FieldProblem::new("/name", "is the name of another optimisation of this study"));

@@ -58,6 +58,7 @@ fn flat(view: OptimumView) -> OptimumResult {
         infeasible,
         power_per_lift_w_per_n,
         clearance_mm: view.optimum.as_ref().map(|o| o.clearance_mm),
+        breeding: view.breeding,
         refined: view.search,
         optimality: view.optimum.and_then(|o| o.optimality),
     }

@@ -92,7 +92,13 @@ pub(super) async fn view(state: &AppState, study: StudyId) -> Result<StudyView, 
     );
     if moves {
         view.rate_per_s = state.rates().per_second(study, now);
-        view.eta_s = view.rate_per_s.map(|rate| open_jobs(&view.stage_jobs) as f64 / rate);
+        // Of generations more is known than what is queued by now.
+        let flies = view.state == StudyState::Optimising && view.spec.optimisations.iter().any(|o| o.is_direct());
+        let left = match &view.progress {
+            Some(flown) if flies => flown.total.saturating_sub(flown.done),
+            _ => open_jobs(&view.stage_jobs),
+        };
+        view.eta_s = view.rate_per_s.map(|rate| left as f64 / rate);
     }
     Ok(view)
 }

@@ -1,16 +1,14 @@
-//! A study with a network is asked for a further optimum.
+//! A study which has ended is asked for a further optimum.
 
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::OptimisationSpec;
-use manduca_protocol::view::JobRole;
 
-use super::advance::{find_study, insert_jobs, read_spec, set_stage};
+use super::advance::{advance, begin, find_study, read_spec};
 use super::control::find_number;
 use super::names::{Condition, Stage};
 use super::{Operation, StoreError, Work};
-use crate::event::Event;
 
-/// An optimisation, checked, for a study which has ended with a network.
+/// An optimisation, checked, for a study which has ended.
 pub(crate) struct AddOptimisation {
     pub(crate) study: StudyId,
     pub(crate) spec: OptimisationSpec,
@@ -30,19 +28,20 @@ impl Operation for AddOptimisation {
             }
             return Err(StoreError::WrongState("the study has another optimisation of this name".into()));
         }
-        let has_network = matches!(row.stage, Stage::Optimising | Stage::Verifying | Stage::Refining);
+        let optimises = matches!(row.stage, Stage::Optimising | Stage::Verifying | Stage::Refining);
         match row.condition {
             Condition::Succeeded => {}
-            Condition::Failed if has_network => {}
+            Condition::Failed if optimises => {}
             _ => {
-                let why = "optimisations are added to a study which has ended with a network; this one has not";
+                let why = "optimisations are added to a study which has ended, with its network if it has \
+                           samples; this one has not";
                 return Err(StoreError::WrongState(why.into()));
             }
         }
         insert(work, study, row.optimisations, &self.spec).await?;
-        set_stage(work, &row, Stage::Optimising).await?;
-        insert_jobs(work.db, study, JobRole::Optimise, row.optimisations + 1).await?;
-        work.events.push(Event::Ready);
+        begin(work, &row, Stage::Optimising).await?;
+        // Its generations may have been flown for another study.
+        advance(work, study).await?;
         Ok(true)
     }
 }

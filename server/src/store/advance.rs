@@ -5,13 +5,13 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::OptimiseResult;
-use manduca_protocol::view::{JobCounts, JobRole, StudyState};
+use manduca_protocol::view::{JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::count::{open_jobs, read_counts};
 use super::decide::{Step, after_optimising, after_refining, after_sampling, after_training, after_verifying};
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
-use super::search::continue_searches;
+use super::search::{continue_searches, list_found};
 use super::submit::{insert_simulations, insert_stage};
 use super::{StoreError, Work, body};
 use crate::compose::verify_task;
@@ -65,49 +65,86 @@ pub(super) async fn advance(work: &mut Work<'_>, study: i64) -> Result<(), Store
         if row.condition != Condition::Running {
             return Ok(());
         }
-        let Some(step) = decide(work.db, &row).await? else { return Ok(()) };
-        match step {
+        if is_open(work.db, &row).await? {
+            return Ok(());
+        }
+        // A stage is over when its searches have nothing left to do.
+        if let Some(chain) = row.stage.chain() {
+            let spec = read_spec(work.db, row.study).await?;
+            if continue_searches(work.db, row.study, &spec, chain).await? {
+                work.events.push(Event::Ready);
+                continue;
+            }
+        }
+        match decide(work.db, &row).await? {
             Step::Draw(n) => draw_further(work, &row, n).await?,
             Step::Enter(stage) => enter(work, &row, stage).await?,
-            Step::Search => {
-                let spec = read_spec(work.db, row.study).await?;
-                if continue_searches(work.db, row.study, &spec).await? {
-                    work.events.push(Event::Ready);
-                } else {
-                    return end(work, &row, "succeeded", None).await;
-                }
-            }
             Step::Succeed => return end(work, &row, "succeeded", None).await,
             Step::Fail(why) => return end(work, &row, "failed", Some(why)).await,
         }
     }
 }
 
-/// What follows; none while a job of the stage is open.
-async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Option<Step>, StoreError> {
-    let (mut judged, mut counts) = (row.stage.role(), JobCounts::default());
+/// Whether a job of the stage waits or runs.
+async fn is_open(db: &mut SqliteConnection, row: &StudyRow) -> Result<bool, StoreError> {
     for &role in row.stage.roles() {
-        (judged, counts) = (role, read_counts(&mut *db, row.study, role).await?);
-        if open_jobs(&counts) > 0 {
-            return Ok(None);
+        if open_jobs(&read_counts(&mut *db, row.study, role).await?) > 0 {
+            return Ok(true);
         }
     }
-    let last_failure = find_last_failure(db, row.study, judged).await?;
-    let last = last_failure.as_deref();
-    Ok(Some(match row.stage {
-        Stage::Sampling => after_sampling(row.samples, row.next_sample, &counts, last),
-        Stage::Training => after_training(&counts, row.optimisations, last),
-        Stage::Optimising => after_optimising(&counts, last),
-        Stage::Verifying => {
-            let optimise = read_counts(&mut *db, row.study, JobRole::Optimise).await?;
-            let earlier = find_last_failure(db, row.study, JobRole::Optimise).await?;
-            after_verifying(&optimise, &counts, last.or(earlier.as_deref()))
-        }
-        Stage::Refining => after_refining(&counts, last),
-    }))
+    Ok(false)
 }
 
-async fn find_last_failure(db: &mut SqliteConnection, study: i64, role: JobRole) -> Result<Option<String>, StoreError> {
+/// What follows a stage which has nothing left to do.
+async fn decide(db: &mut SqliteConnection, row: &StudyRow) -> Result<Step, StoreError> {
+    /// Whose failures are told of a search for optima.
+    const SEARCHES: [JobRole; 2] = [JobRole::Optimise, JobRole::Generation];
+    let study = row.study;
+    Ok(match row.stage {
+        Stage::Sampling => {
+            let counts = read_counts(&mut *db, study, JobRole::Sample).await?;
+            let last = find_last_failure(db, study, &[JobRole::Sample]).await?;
+            after_sampling(row.samples, row.next_sample, &counts, last.as_deref())
+        }
+        Stage::Training => {
+            let counts = read_counts(&mut *db, study, JobRole::Train).await?;
+            let last = find_last_failure(db, study, &[JobRole::Train]).await?;
+            after_training(&counts, row.optimisations, last.as_deref())
+        }
+        Stage::Optimising => {
+            let last = find_last_failure(&mut *db, study, &SEARCHES).await?;
+            after_optimising(list_optima(db, study).await?.len(), last.as_deref())
+        }
+        Stage::Verifying => {
+            let counts = read_counts(&mut *db, study, JobRole::Verify).await?;
+            let last = find_last_failure(&mut *db, study, &[JobRole::Verify]).await?;
+            let earlier = find_last_failure(&mut *db, study, &SEARCHES).await?;
+            let found = list_optima(db, study).await?.len();
+            after_verifying(row.optimisations, found, &counts, last.or(earlier).as_deref())
+        }
+        Stage::Refining => {
+            let counts = read_counts(&mut *db, study, JobRole::Search).await?;
+            let last = find_last_failure(db, study, &[JobRole::Search]).await?;
+            after_refining(&counts, last.as_deref())
+        }
+    })
+}
+
+/// Why the last job of any of these roles was given up.
+async fn find_last_failure(
+    db: &mut SqliteConnection,
+    study: i64,
+    roles: &[JobRole],
+) -> Result<Option<String>, StoreError> {
+    for &role in roles {
+        if let Some(reason) = find_reason(&mut *db, study, role).await? {
+            return Ok(Some(reason));
+        }
+    }
+    Ok(None)
+}
+
+async fn find_reason(db: &mut SqliteConnection, study: i64, role: JobRole) -> Result<Option<String>, StoreError> {
     let reason: Option<Option<String>> = sqlx::query_scalar(
         "select reason from jobs where state = 'dead' and study = ? and role = ? order by job desc limit 1",
     )
@@ -137,14 +174,18 @@ async fn set_next_sample(db: &mut SqliteConnection, study: i64, next: u32) -> Re
 
 async fn enter(work: &mut Work<'_>, row: &StudyRow, stage: Stage) -> Result<(), StoreError> {
     end_stage(work, row.study, row.stage).await?;
+    begin(work, row, stage).await
+}
+
+/// Makes `stage` the present one and queues its jobs; those of its searches are queued by
+/// [`advance`].
+pub(super) async fn begin(work: &mut Work<'_>, row: &StudyRow, stage: Stage) -> Result<(), StoreError> {
     set_stage(work, row, stage).await?;
     match stage {
-        Stage::Sampling => {}
-        Stage::Training => insert_jobs(work.db, row.study, JobRole::Train, 1).await?,
-        Stage::Optimising => insert_jobs(work.db, row.study, JobRole::Optimise, row.optimisations).await?,
+        Stage::Sampling | Stage::Refining => {}
+        Stage::Training => insert_job(work.db, row.study, JobRole::Train, 0).await?,
+        Stage::Optimising => insert_optimisations(work.db, row.study).await?,
         Stage::Verifying => insert_verifications(work.db, row.study).await?,
-        // Its first jobs are those of its first pass through `advance`.
-        Stage::Refining => {}
     }
     work.events.push(Event::Ready);
     Ok(())
@@ -162,22 +203,27 @@ pub(super) async fn set_stage(work: &mut Work<'_>, row: &StudyRow, stage: Stage)
     Ok(())
 }
 
-pub(super) async fn insert_jobs(
-    db: &mut SqliteConnection,
-    study: i64,
-    role: JobRole,
-    n: i64,
-) -> Result<(), StoreError> {
-    for ordinal in 0..n {
-        sqlx::query(
-            "insert into jobs (study, role, ordinal, state) values (?, ?, ?, 'ready')
-             on conflict (study, role, ordinal) do nothing",
-        )
-        .bind(study)
-        .bind(role_name(role))
-        .bind(ordinal)
-        .execute(&mut *db)
-        .await?;
+/// Queues a job, unless there is one.
+async fn insert_job(db: &mut SqliteConnection, study: i64, role: JobRole, ordinal: u32) -> Result<(), StoreError> {
+    sqlx::query(
+        "insert into jobs (study, role, ordinal, state) values (?, ?, ?, 'ready')
+         on conflict (study, role, ordinal) do nothing",
+    )
+    .bind(study)
+    .bind(role_name(role))
+    .bind(ordinal)
+    .execute(db)
+    .await?;
+    Ok(())
+}
+
+/// One job per optimisation on the network; those of an earlier pass stay as they are.
+async fn insert_optimisations(db: &mut SqliteConnection, study: i64) -> Result<(), StoreError> {
+    let spec = read_spec(&mut *db, study).await?;
+    for (ordinal, asked) in (0_u32..).zip(&spec.optimisations) {
+        if !asked.is_direct() {
+            insert_job(&mut *db, study, JobRole::Optimise, ordinal).await?;
+        }
     }
     Ok(())
 }
@@ -186,9 +232,7 @@ pub(super) async fn insert_jobs(
 async fn insert_verifications(db: &mut SqliteConnection, study: i64) -> Result<(), StoreError> {
     let spec = read_spec(&mut *db, study).await?;
     let mut optima = Vec::new();
-    for (ordinal, body) in list_optima(&mut *db, study).await? {
-        let found: OptimiseResult = body::parse(body)?;
-        let ordinal: u32 = unsigned(ordinal)?;
+    for (ordinal, found) in list_optima(&mut *db, study).await? {
         let point = found.parameters.0;
         let key = verify_task(&spec, ordinal, ParameterValues(point)).key();
         optima.push(Drawn { ordinal, point, key });
@@ -197,14 +241,21 @@ async fn insert_verifications(db: &mut SqliteConnection, study: i64) -> Result<(
     Ok(())
 }
 
-async fn list_optima(db: &mut SqliteConnection, study: i64) -> Result<Vec<(i64, Vec<u8>)>, StoreError> {
-    let optima = sqlx::query_as(
+/// The optima found, on the network and by generations, by the place of their optimisation.
+async fn list_optima(db: &mut SqliteConnection, study: i64) -> Result<Vec<(u32, OptimiseResult)>, StoreError> {
+    let rows: Vec<(i64, Vec<u8>)> = sqlx::query_as(
         "select j.ordinal, r.body from jobs as j join results as r on r.job = j.job
          where j.study = ? and j.role = 'optimise' and j.state = 'succeeded' order by j.ordinal",
     )
     .bind(study)
-    .fetch_all(db)
+    .fetch_all(&mut *db)
     .await?;
+    let mut optima = Vec::with_capacity(rows.len());
+    for (ordinal, found) in rows {
+        optima.push((unsigned(ordinal)?, body::parse(found)?));
+    }
+    let spec = read_spec(&mut *db, study).await?;
+    optima.extend(list_found(db, study, &spec).await?);
     Ok(optima)
 }
 

@@ -133,7 +133,8 @@ async fn retry_failed(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreEr
     for &stage in retried(row.stage) {
         for &role in stage.roles() {
             // A stroke given up has been answered: the search went on without it.
-            if role != JobRole::Probe && revive_dead(work.db, row.study, role).await? > 0 {
+            if !matches!(role, JobRole::Probe | JobRole::Individual) && revive_dead(work.db, row.study, role).await? > 0
+            {
                 first = first.or(Some(stage));
             }
         }

@@ -16,8 +16,6 @@ pub(super) enum Step {
     Draw(u32),
     /// Goes on to a stage.
     Enter(Stage),
-    /// Goes on with its searches; done when none has anything left to do.
-    Search,
     /// Is done.
     Succeed,
     /// Cannot go on, for this reason.
@@ -56,30 +54,30 @@ pub(super) fn after_training(counts: &JobCounts, optimisations: i64, last_failur
     if optimisations == 0 { Step::Succeed } else { Step::Enter(Stage::Optimising) }
 }
 
-/// All optimisations have ended.
-pub(super) fn after_optimising(counts: &JobCounts, last_failure: Option<&str>) -> Step {
-    if counts.succeeded == 0 {
+/// All optimisations have ended, so many with an optimum.
+pub(super) fn after_optimising(found: usize, last_failure: Option<&str>) -> Step {
+    if found == 0 {
         return Step::Fail(format!("no optimisation succeeded: {}", last_failure.unwrap_or("no reason is known")));
     }
     Step::Enter(Stage::Verifying)
 }
 
-/// All optima have been flown again. A study which misses an answer it was
-/// asked for has failed, however many others it has.
-pub(super) fn after_verifying(optimise: &JobCounts, verify: &JobCounts, last_failure: Option<&str>) -> Step {
-    let dead = optimise.dead + verify.dead;
-    if dead == 0 {
+/// The optima found of those asked for have been flown again. A study which misses an
+/// answer it was asked for has failed, however many others it has.
+pub(super) fn after_verifying(asked: i64, found: usize, verify: &JobCounts, last_failure: Option<&str>) -> Step {
+    let verified = found as i64 - verify.dead as i64;
+    if verified >= asked {
         return Step::Enter(Stage::Refining);
     }
     let last = last_failure.unwrap_or("no reason is known");
-    let asked = optimise.dead + optimise.succeeded;
-    Step::Fail(format!("{dead} of {asked} optimisations have no verified optimum; the last failure: {last}"))
+    let missing = asked - verified;
+    Step::Fail(format!("{missing} of {asked} optimisations have no verified optimum; the last failure: {last}"))
 }
 
-/// No round of a search and none of its strokes is open.
+/// No search around an optimum has anything left to do.
 pub(super) fn after_refining(search: &JobCounts, last_failure: Option<&str>) -> Step {
     if search.dead == 0 {
-        return Step::Search;
+        return Step::Succeed;
     }
     let last = last_failure.unwrap_or("no reason is known");
     Step::Fail(format!("{} searches failed; the last failure: {last}", search.dead))
@@ -113,10 +111,14 @@ mod tests {
     #[test]
     fn a_missing_answer_fails_the_study() {
         assert_eq!(after_training(&counts(1, 0, 0), 0, None), Step::Succeed);
-        assert_eq!(after_optimising(&counts(1, 0, 1), None), Step::Enter(Stage::Verifying));
-        assert_eq!(after_verifying(&counts(2, 0, 0), &counts(1, 1, 0), None), Step::Enter(Stage::Refining));
-        assert_eq!(after_refining(&counts(3, 0, 0), None), Step::Search);
+        assert_eq!(after_optimising(1, None), Step::Enter(Stage::Verifying));
+        assert!(matches!(after_optimising(0, Some("x")), Step::Fail(_)));
+        assert_eq!(after_verifying(2, 2, &counts(1, 1, 0), None), Step::Enter(Stage::Refining));
+        assert_eq!(after_refining(&counts(3, 0, 0), None), Step::Succeed);
         assert!(matches!(after_refining(&counts(3, 0, 1), Some("x")), Step::Fail(_)));
-        assert!(matches!(after_verifying(&counts(1, 0, 1), &counts(1, 0, 0), Some("x")), Step::Fail(_)));
+        for (found, dead) in [(1, 0), (2, 1)] {
+            let Step::Fail(why) = after_verifying(2, found, &counts(1, 0, dead), Some("x")) else { panic!("goes on") };
+            assert!(why.contains("1 of 2"), "{why}");
+        }
     }
 }

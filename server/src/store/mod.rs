@@ -49,7 +49,7 @@ pub(crate) use exchange::{Exchange, Exchanged};
 pub(crate) use names::{kind_of, role_name, state_name};
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use recover::Recover;
-pub(crate) use search::{STROKES, optimisation_of_probe, round_of};
+pub(crate) use search::{STROKES, optimisation_of_stroke, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
 pub(crate) use workers::{Deregister, Register};

@@ -8,6 +8,7 @@ use serde::de::{DeserializeOwned, IntoDeserializer};
 use uuid::Uuid;
 
 use super::StoreError;
+use super::search::Chain;
 
 /// Where a study is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -53,14 +54,23 @@ impl Stage {
         }
     }
 
-    /// All that jobs of the stage are for, last those by which its end is judged.
+    /// All that jobs of the stage are for.
     pub(crate) fn roles(self) -> &'static [JobRole] {
         match self {
             Self::Sampling => &[JobRole::Sample],
             Self::Training => &[JobRole::Train],
-            Self::Optimising => &[JobRole::Optimise],
+            Self::Optimising => &[JobRole::Optimise, JobRole::Individual, JobRole::Generation],
             Self::Verifying => &[JobRole::Verify],
             Self::Refining => &[JobRole::Probe, JobRole::Search],
+        }
+    }
+
+    /// The search whose rounds and strokes take turns in this stage.
+    pub(super) fn chain(self) -> Option<Chain> {
+        match self {
+            Self::Optimising => Some(Chain::Breeding),
+            Self::Refining => Some(Chain::Refining),
+            Self::Sampling | Self::Training | Self::Verifying => None,
         }
     }
 
@@ -98,16 +108,18 @@ pub(crate) fn role_name(role: JobRole) -> &'static str {
         JobRole::Verify => "verify",
         JobRole::Search => "search",
         JobRole::Probe => "probe",
+        JobRole::Generation => "generation",
+        JobRole::Individual => "individual",
     }
 }
 
 /// The computation a role asks for.
 pub(crate) fn kind_of(role: JobRole) -> JobKind {
     match role {
-        JobRole::Sample | JobRole::Verify | JobRole::Probe => JobKind::Simulate,
+        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual => JobKind::Simulate,
         JobRole::Train => JobKind::Train,
         JobRole::Optimise => JobKind::Optimise,
-        JobRole::Search => JobKind::Search,
+        JobRole::Search | JobRole::Generation => JobKind::Search,
     }
 }
 

@@ -10,8 +10,9 @@ use manduca_protocol::view::{
 };
 use sqlx::sqlite::SqlitePool;
 
-use super::count::read_counts;
+use super::count::{open_jobs, read_counts};
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
+use super::search::{Chain, list_found};
 use super::{Store, StoreError, body};
 use crate::clock::rfc3339;
 
@@ -40,6 +41,31 @@ impl StudyHead {
     pub(crate) fn state(&self) -> StudyState {
         self.condition.state(self.stage)
     }
+
+    /// What most jobs of its stage are for.
+    fn counted(&self) -> JobRole {
+        let flies = self.stage == Stage::Optimising && self.spec.optimisations.iter().any(|o| o.is_direct());
+        if flies { JobRole::Individual } else { self.stage.role() }
+    }
+}
+
+/// How far generations are: strokes flown, and how many will be at most.
+fn breeding(spec: &StudySpec, optima: &[OptimumView], strokes: &JobCounts) -> Progress {
+    let flown = strokes.succeeded + strokes.infeasible + strokes.dead;
+    let mut left = open_jobs(strokes);
+    let mut notes = Vec::new();
+    for (asked, optimum) in spec.optimisations.iter().zip(optima).filter(|(asked, _)| asked.is_direct()) {
+        if optimum.optimum.is_some() {
+            continue;
+        }
+        let told = optimum.breeding.as_ref().map_or(0, |b| b.standing.rounds);
+        let best = optimum.breeding.as_ref().and_then(|b| b.standing.fitness);
+        let best = best.map_or_else(String::new, |fitness| format!(", best fitness {fitness:.5}"));
+        notes.push(format!("{}: generation {} of {}{best}", asked.name, told + 1, asked.generations()));
+        // The generation which is flown is among the open jobs.
+        left += u64::from(asked.population()) * u64::from(asked.generations().saturating_sub(told + 1));
+    }
+    Progress { done: flown, total: flown + left, note: notes.join("; ") }
 }
 
 impl Store {
@@ -67,8 +93,13 @@ impl Store {
     pub(crate) async fn study(&self, id: StudyId, now: i64) -> Result<StudyView, StoreError> {
         let head = self.study_head(id).await?;
         let db = self.readers();
-        let stage_jobs = read_counts(db, head.study, head.stage.role()).await?;
+        let stage_jobs = read_counts(db, head.study, head.counted()).await?;
         let surrogate = self.surrogate_of(head.study).await?;
+        let optimisations = self.optima(&head).await?;
+        let progress = match head.counted() {
+            JobRole::Individual => Some(breeding(&head.spec, &optimisations, &stage_jobs)),
+            _ => find_progress(db, head.study, head.stage).await?,
+        };
         Ok(StudyView {
             id,
             state: head.state(),
@@ -77,12 +108,12 @@ impl Store {
             created_at: rfc3339(head.created_ms),
             samples: self.sample_counts(head.study).await?,
             stage_jobs,
-            progress: find_progress(db, head.study, head.stage).await?,
+            progress,
             rate_per_s: None,
             eta_s: None,
             stages_s: self.stage_seconds(head.study, now).await?,
             surrogate: surrogate.and_then(|s| s.test),
-            optimisations: self.optima(&head).await?,
+            optimisations,
             spec: head.spec,
         })
     }
@@ -144,14 +175,21 @@ impl Store {
         }
         let mut optimised = list_ended(self.readers(), head.study, JobRole::Optimise).await?;
         let mut verified = list_ended(self.readers(), head.study, JobRole::Verify).await?;
+        let found = list_found(&mut *self.readers().acquire().await?, head.study, &head.spec).await?;
+        let mut found: BTreeMap<u32, OptimiseResult> = found.into_iter().collect();
         let mut optima = Vec::with_capacity(head.spec.optimisations.len());
-        for (ordinal, asked) in (0_i64..).zip(&head.spec.optimisations) {
-            let optimised = optimised.remove(&ordinal);
-            let verified = verified.remove(&ordinal);
-            let dead = [&optimised, &verified].iter().any(|job| matches!(job, Some(None)));
-            let optimum: Option<OptimiseResult> = optimised.flatten().map(body::parse).transpose()?;
+        for (ordinal, asked) in (0_u32..).zip(&head.spec.optimisations) {
+            let optimised = optimised.remove(&ordinal.into());
+            let verified = verified.remove(&ordinal.into());
+            let gone = self.is_given_up(head.study, Chain::Breeding, ordinal).await?;
+            let dead = gone || [&optimised, &verified].iter().any(|job| matches!(job, Some(None)));
+            let optimum: Option<OptimiseResult> = match found.remove(&ordinal) {
+                None => optimised.flatten().map(body::parse).transpose()?,
+                bred => bred,
+            };
             let simulated: Option<SimulateResult> = verified.flatten().map(body::parse).transpose()?;
-            let search = self.search_of(head.study, unsigned(ordinal)?).await?;
+            let breeding = self.search_of(head.study, Chain::Breeding, ordinal).await?;
+            let search = self.search_of(head.study, Chain::Refining, ordinal).await?;
             let status = match (&optimum, &simulated) {
                 _ if dead => OptimumStatus::Failed,
                 _ if search.as_ref().is_some_and(|s| s.ended.is_some()) => OptimumStatus::Refined,
@@ -160,7 +198,7 @@ impl Store {
                 (None, _) => OptimumStatus::Pending,
             };
             let gap = optimum.as_ref().zip(simulated.as_ref()).and_then(|(o, s)| gap(o, s));
-            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap, search });
+            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap, breeding, search });
         }
         Ok(optima)
     }

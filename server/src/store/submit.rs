@@ -1,10 +1,10 @@
 //! A study comes in.
 
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::view::{JobRole, StudyState};
+use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::advance;
+use super::advance::{advance, begin, find_study};
 use super::count::read_counts;
 use super::names::{Stage, role_name, uuid};
 use super::{Operation, StoreError, Work};
@@ -44,13 +44,14 @@ impl Operation for Submit {
             return Ok(Submitted { id, created: false });
         }
         let study = insert_study(work, &self).await?;
-        insert_stage(work, study, Stage::Sampling).await?;
         insert_simulations(work.db, study, JobRole::Sample, &self.drawn).await?;
         let counts = read_counts(&mut *work.db, study, JobRole::Sample).await?;
         let cached = counts.succeeded + counts.infeasible;
         work.events.push(Event::Submitted { study: self.id, samples: self.samples, cached });
-        work.events.push(Event::Moved { study: self.id, state: StudyState::Sampling, reason: None });
-        work.events.push(Event::Ready);
+        // Without samples there is no network: such a study only flies generations.
+        let first = if self.samples == 0 { Stage::Optimising } else { Stage::Sampling };
+        let row = find_study(work.db, study).await?;
+        begin(work, &row, first).await?;
         advance(work, study).await?;
         Ok(Submitted { id: self.id, created: true })
     }

@@ -75,10 +75,31 @@ pub(super) fn trained() -> Value {
 /// A round which asks for strokes of these frequencies.
 pub(super) fn search_asks(round: u32, frequencies: &[f64]) -> Value {
     let strokes: Vec<Value> = frequencies.iter().map(|f| parameters(*f)).collect();
-    let state = json!({ "round": round, "radius": 0.1, "candidate": 1, "predicted": [1.0, 0.0, 0.0, 1.0],
-        "flown": [] });
+    let state = json!({ "search": "refine", "round": round, "radius": 0.1, "candidate": 1,
+        "predicted": [1.0, 0.0, 0.0, 1.0], "weight": 2.0, "prices": null, "flown": [] });
     json!({
         "kind": "search", "next": { "next": "fly", "state": state, "strokes": strokes }, "standing": standing(round),
+        "solver_version": SOLVER_VERSION
+    })
+}
+
+/// A generation which asks for strokes of these frequencies.
+pub(super) fn generation_asks(told: u32, frequencies: &[f64]) -> Value {
+    let strokes: Vec<Value> = frequencies.iter().map(|f| parameters(*f)).collect();
+    let state = json!({ "search": "breed", "genes": [vec![0.5; 10]], "elite": [null], "history": [[1.5, null]],
+        "best": null, "champion": null, "simulations": told });
+    json!({
+        "kind": "search", "next": { "next": "fly", "state": state, "strokes": strokes }, "standing": standing(told),
+        "solver_version": SOLVER_VERSION
+    })
+}
+
+/// The last generation's result.
+pub(super) fn generations_found() -> Value {
+    let mut optimum = optimised();
+    optimum.as_object_mut().expect("an object").remove("kind");
+    json!({
+        "kind": "search", "next": { "next": "found", "optimum": optimum }, "standing": standing(2),
         "solver_version": SOLVER_VERSION
     })
 }
@@ -92,7 +113,7 @@ pub(super) fn search_ended() -> Value {
 
 fn standing(rounds: u32) -> Value {
     json!({ "rounds": rounds, "simulations": 4, "radius": 0.1, "best": null, "predicted": null,
-        "power_per_lift_w_per_n": 4.4, "history": [[0.1, 1.0]] })
+        "power_per_lift_w_per_n": 4.4, "fitness": 1.25, "history": [[0.1, 1.0]] })
 }
 
 fn parameters(frequency_hz: f64) -> Value {

@@ -6,6 +6,7 @@ mod answers;
 mod bench;
 mod checkpoints;
 mod dataset;
+mod direct;
 mod http;
 mod long_poll;
 mod queue;

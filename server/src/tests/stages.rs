@@ -141,7 +141,8 @@ async fn rounds_of_a_search_and_their_strokes_take_turns() {
     let first = bench.claim(&worker, 100).await;
     assert_eq!((first.len(), first[0].kind), (1, JobKind::Search));
     let task = bench.get(&format!("/v1/jobs/{}/task", first[0].job)).await.json();
-    assert!(task["state"].is_null() && task["surrogate"].is_object(), "{task}");
+    assert!(task["state"]["search"] == "refine" && task["state"]["round"] == 0, "{task}");
+    assert!(task["surrogate"].is_object(), "{task}");
     assert_eq!(task["flown"][0]["parameters"]["frequency_hz"], 25.5);
     bench.complete(&worker, &first[0], search_asks(1, &[26.0, 27.0, 28.0])).await;
 

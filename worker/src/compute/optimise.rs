@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::optimise::sqp::{self, Flight, SqpProgress, SqpSettings};
-use manduca_numerics::optimise::{self, GaStop, Generation, OptimiseError, Optimum, Phase, Problem};
+use manduca_numerics::optimise::{self, Generation, OptimiseError, Optimum, Phase, Problem};
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::network;
 use manduca_protocol::point::ParameterValues;
@@ -15,6 +15,7 @@ use manduca_protocol::task::{
     GenerationMessage, LocalOptimum, Optimality, OptimiseResult, OptimiseTask, Prices, Progress,
 };
 
+use super::search::stopped;
 use super::{ComputeError, bounds, finite, scaled};
 
 /// Most optima told of one search.
@@ -56,6 +57,10 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
             }
         }
         Method::Paper => breed(&problem, &how, report),
+        Method::Direct => {
+            let why = "`direct` flies its generations: it is a search, no optimisation of a network";
+            Err(ComputeError::Refused(vec![FieldProblem::new("/optimisation/method", why)]))
+        }
     }
 }
 
@@ -176,11 +181,7 @@ fn result(optimum: &Optimum) -> Result<OptimiseResult, ComputeError> {
         penalty: score.penalty,
         clearance_mm: score.clearance_m * 1e3,
         history: optimum.history.iter().enumerate().map(generation).collect(),
-        stopped: match optimum.ga_stop {
-            GaStop::Stalled => "the best fitness no longer changed".into(),
-            GaStop::Generations => "all generations were made".into(),
-            GaStop::Interrupted => "interrupted".into(),
-        },
+        stopped: stopped(optimum.ga_stop).into(),
         evaluations: optimum.evaluations as u64,
         optimality: None,
         solver_version: SOLVER_VERSION.into(),
