@@ -29,14 +29,22 @@ pub struct Cost {
     pub extrapolated: bool,
     /// Samples of the study.
     pub study_samples: u32,
+    /// Strokes which generations ask for at most.
+    pub study_individuals: u64,
     /// Cores of this machine.
     pub cores: usize,
-    /// Samples x time of a sample / cores, s.
+    /// Samples and individuals x time of a sample / cores, s.
     pub study_estimate_s: f64,
 }
 
-/// Measures it; none when no stroke of the box keeps the wings apart.
-pub fn measure(model: &ResolvedModel, bounds: &Bounds, margin_mm: f64, samples: u32) -> Option<Cost> {
+/// Measures it for so many samples and individuals; none when no stroke of the box keeps the
+/// wings apart.
+pub fn measure(
+    model: &ResolvedModel,
+    bounds: &Bounds,
+    margin_mm: f64,
+    (samples, individuals): (u32, u64),
+) -> Option<Cost> {
     let strokes = strokes(model, bounds, margin_mm);
     let (production_sample_s, extrapolated) = match one_stroke(model, strokes.first()?) {
         Some(long) if long > PATIENCE.as_secs_f64() / (STROKES as f64 * ROUNDS as f64) => {
@@ -51,8 +59,9 @@ pub fn measure(model: &ResolvedModel, bounds: &Bounds, margin_mm: f64, samples: 
         production_sample_s,
         extrapolated,
         study_samples: samples,
+        study_individuals: individuals,
         cores,
-        study_estimate_s: f64::from(samples) * production_sample_s / cores as f64,
+        study_estimate_s: (f64::from(samples) + individuals as f64) * production_sample_s / cores as f64,
     })
 }
 
@@ -114,10 +123,10 @@ mod tests {
     fn the_estimate_is_samples_times_time_over_cores() {
         let tiny =
             [("chordwise_panels", 2.0), ("spanwise_panels", 3.0), ("steps_per_stroke", 12.0), ("strokes_dropped", 2.0)];
-        let cost = measure(&model(&tiny), &Bounds::default(), 0.0, 700).unwrap();
+        let cost = measure(&model(&tiny), &Bounds::default(), 0.0, (700, 50)).unwrap();
         assert!(cost.production_sample_s > 0.0 && !cost.extrapolated && cost.cores > 0);
-        assert_eq!(cost.study_estimate_s, 700.0 * cost.production_sample_s / cost.cores as f64);
-        assert_eq!(measure(&model(&tiny), &Bounds::default(), 900.0, 700), None);
+        assert_eq!(cost.study_estimate_s, 750.0 * cost.production_sample_s / cost.cores as f64);
+        assert_eq!(measure(&model(&tiny), &Bounds::default(), 900.0, (700, 0)), None);
     }
 
     #[test]

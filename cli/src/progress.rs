@@ -178,6 +178,17 @@ mod tests {
     }
 
     #[test]
+    fn generations_count_their_strokes() {
+        let mut flying = view(StudyState::Optimising);
+        let note = "five: generation 12 of 50, best fitness 0.93120".into();
+        flying.progress = Some(Progress { done: 3400, total: 14000, note });
+        flying.stage_jobs = JobCounts { succeeded: 3390, infeasible: 10, ..JobCounts::default() };
+        let said =
+            "optimising 3400/14000  five: generation 12 of 50, best fitness 0.93120, 1 min 15 s left, 10 infeasible";
+        assert_eq!(line(&glance(&flying)), said);
+    }
+
+    #[test]
     fn a_paused_study_shows_the_stage_it_rests_in() {
         let mut paused = view(StudyState::Paused);
         paused.paused_from = Some(StudyState::Training);

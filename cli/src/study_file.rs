@@ -12,8 +12,12 @@ use serde_path_to_error::{Path as FieldPath, Segment};
 use crate::exit::refused;
 
 /// Studies which are part of the program, so that it works anywhere.
-pub const BUILT_IN: [(&str, &str); 2] =
-    [("quick", include_str!("../../studies/quick.toml")), ("paper", include_str!("../../studies/paper.toml"))];
+pub const BUILT_IN: [(&str, &str); 4] = [
+    ("quick", include_str!("../../studies/quick.toml")),
+    ("paper", include_str!("../../studies/paper.toml")),
+    ("five", include_str!("../../studies/five.toml")),
+    ("five-direct", include_str!("../../studies/five-direct.toml")),
+];
 
 /// Reads and checks a study: a file, or one of those built in.
 pub fn load(name: &str) -> Result<StudySpec> {
@@ -114,6 +118,17 @@ mod tests {
         assert_eq!(resolved.bounds, manduca_numerics::parameters::Bounds::default());
         let held = |i: usize| (0..10).filter(|&p| resolved.optimisations[i].bounds.is_held(p)).collect::<Vec<_>>();
         assert_eq!((held(0), held(1)), (vec![], vec![1, 3, 6]));
+    }
+
+    #[test]
+    fn both_studies_of_five_parameters_ask_the_same() {
+        let resolved = |name: &str| resolve::study(&load(name).unwrap()).unwrap();
+        let (surrogate, direct) = (resolved("five"), resolved("five-direct"));
+        assert_eq!((surrogate.bounds, surrogate.model), (direct.bounds, direct.model));
+        let free: Vec<_> = (0..10).filter(|&p| !direct.bounds.is_held(p)).collect();
+        assert_eq!(free, [0, 2, 4, 5, 7]);
+        // Population 300, 50 generations, 5 % survive.
+        assert_eq!((direct.optimisations[0].individuals(), surrogate.optimisations[0].individuals()), (14265, 0));
     }
 
     #[test]

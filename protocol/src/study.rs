@@ -258,6 +258,14 @@ impl OptimisationSpec {
         self.generations.unwrap_or(self.method.effort().1)
     }
 
+    /// The same by another method: what had the default of its method has that of the other.
+    pub fn by(mut self, method: Method) -> Self {
+        let ((population, generations), now) = (self.method.effort(), method.effort());
+        self.population = Some(if self.population() == population { now.0 } else { self.population() });
+        self.generations = Some(if self.generations() == generations { now.1 } else { self.generations() });
+        Self { method, ..self }
+    }
+
     /// Whether its fitness is flown.
     pub fn is_direct(&self) -> bool {
         self.method == Method::Direct
@@ -315,6 +323,7 @@ mod tests {
         let shown = serde_json::to_value(&direct).unwrap();
         assert_eq!((&shown["population"], &shown["generations"]), (&300.into(), &7.into()));
         assert_eq!(serde_json::from_value::<OptimisationSpec>(shown).unwrap(), direct);
+        assert_eq!(of(&direct.by(Method::Paper)), (Some(100_000), Some(7)));
         let told = serde_json::from_str::<OptimisationSpec>(r#"{"name":"a","colour":1}"#).unwrap_err().to_string();
         assert!(told.contains("unknown field `colour`"), "{told}");
     }

@@ -27,6 +27,20 @@ pub fn blades(name: &str, seed: u64, samples: u32) -> Value {
     study
 }
 
+/// A direct search on a tiny vortex lattice: no samples, three generations of eight.
+pub fn direct(name: &str, seed: u64) -> Value {
+    let mut study = lattice(name, seed, 0);
+    study["parameters"] = json!({
+        "stroke_plane_deg": 0.0, "elevation_mean_deg": 0.0, "elevation_amplitude_deg": 0.0,
+        "sweep_shape": 0.0, "rotation_shape": 0.0,
+    });
+    study["optimisations"] = json!([{
+        "name": "five-direct", "method": "direct", "population": 8, "generations": 3, "verify_strokes": 4,
+        "refine_simulations": 20,
+    }]);
+    study
+}
+
 /// A study whose samples take so long that none ends by itself during a test.
 pub fn endless(name: &str) -> Value {
     let mut study = lattice(name, 1, 20);

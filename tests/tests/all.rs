@@ -6,6 +6,9 @@
 // Processes killed in mid-study: nothing lost, nothing twice, the same bytes.
 #[path = "all/crash.rs"]
 mod crash;
+// Generations which are flown instead of asked of a network.
+#[path = "all/direct.rs"]
+mod direct;
 // The life of a study over HTTP, from submission to answer.
 #[path = "all/life.rs"]
 mod life;

@@ -14,16 +14,21 @@ pub enum Method {
     Sqp,
     /// Genetic algorithm and simplex.
     Paper,
+    /// The genetic algorithm on simulations themselves; needs no network.
+    Direct,
 }
 
 /// `manduca optimise`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Nothing is sampled or trained again: the study's network is searched, and the optimum flown.
+`--method direct` asks no network: every individual of a genetic algorithm is flown, population x
+generations simulations, by whatever workers there are.
 
 Examples:
   manduca optimise latest --name steady --set stroke_plane_deg=15 --wait
   manduca optimise latest --name slow --set frequency_hz=15:22 --method paper
+  manduca optimise latest --name flown --method direct --population 300 --generations 50
   manduca optimise latest case.toml      the fields of an [[optimisations]] table of a study")]
 pub struct OptimiseArgs {
     /// Id of a finished study, the end of its id, or `latest`.
@@ -44,6 +49,12 @@ pub struct OptimiseArgs {
     /// Descents of sqp.
     #[arg(long, value_name = "N")]
     pub starts: Option<u32>,
+    /// Individuals of a generation [default: 100000 of paper, 300 of direct].
+    #[arg(long, value_name = "N")]
+    pub population: Option<u32>,
+    /// Most generations [default: 300 of paper, 50 of direct].
+    #[arg(long, value_name = "N")]
+    pub generations: Option<u32>,
     #[command(flatten)]
     pub coordinator: Coordinator,
     /// Follow the study to its end and print its optima.

@@ -23,7 +23,7 @@ use crate::study_file;
 /// What is known of a study before it starts.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
-    /// Simulations it would queue: samples, and each optimum once more.
+    /// Simulations it would queue: samples, each optimum once more, and individuals at most.
     simulations: u64,
     /// The study with every default of its fields.
     study: &'a StudySpec,
@@ -61,7 +61,8 @@ pub fn dry_run(args: &SubmitArgs, spec: &StudySpec) -> Result<ExitCode> {
     let checked = manduca_server::check(spec).map_err(|faults| refused(study_file::listed(&args.study, &faults)))?;
     note("timing a few samples ...");
     let study = &checked.resolved;
-    let cost = cost::measure(&study.model, &study.bounds, spec.sampling.clearance_margin_mm, spec.sampling.samples)
+    let flown = (spec.sampling.samples, checked.individuals());
+    let cost = cost::measure(&study.model, &study.bounds, spec.sampling.clearance_margin_mm, flown)
         .context("no stroke within these bounds is feasible")?;
     let report =
         Report { simulations: checked.simulations(), study: spec, settings: Settings::of(study), cost, errors: [] };
@@ -94,23 +95,30 @@ fn print(out: &mut Output, name: &str, report: &Report<'_>) -> io::Result<()> {
         word(&model.elevation_phase),
         model.elastic_storage
     ))?;
-    out.line(format_args!("network   {} neurons, at most {} iterations", network.neurons, network.max_iterations))?;
+    if spec.sampling.samples > 0 {
+        out.line(format_args!("network   {} neurons, at most {} iterations", network.neurons, network.max_iterations))?;
+    }
     for optimisation in &spec.optimisations {
         let how = match optimisation.method {
             Method::Sqp => format!("sqp, {} starts", optimisation.starts),
-            Method::Paper => {
-                format!("population {}, {} generations", optimisation.population, optimisation.generations)
+            Method::Paper | Method::Direct => {
+                let flown = if optimisation.is_direct() { ", every individual flown" } else { "" };
+                let (population, generations) = (optimisation.population(), optimisation.generations());
+                format!("population {population}, {generations} generations{flown}")
             }
         };
         out.line(format_args!("optimise  {}: {how}", optimisation.name))?;
     }
     out.line(format_args!("samples   {}, {} simulations in all", spec.sampling.samples, report.simulations))?;
     let about = if cost.extrapolated { " (from its first stroke)" } else { "" };
+    let (what, strokes) = match cost.study_individuals {
+        0 => ("sampling", u64::from(cost.study_samples)),
+        n => ("flying", u64::from(cost.study_samples) + n),
+    };
     out.line(format_args!(
-        "sampling  {} on {} cores: {} x {:.3} s{about} / {}",
+        "{what:9} {} on {} cores: {strokes} x {:.3} s{about} / {}",
         span(cost.study_estimate_s),
         cost.cores,
-        cost.study_samples,
         cost.production_sample_s,
         cost.cores
     ))

@@ -49,12 +49,15 @@ fn specification(args: &OptimiseArgs) -> Result<OptimisationSpec> {
         spec.name.clone_from(name);
     }
     if let Some(method) = args.method {
-        spec.method = match method {
+        spec = spec.by(match method {
             Method::Sqp => study::Method::Sqp,
             Method::Paper => study::Method::Paper,
-        };
+            Method::Direct => study::Method::Direct,
+        });
     }
     spec.starts = args.starts.unwrap_or(spec.starts);
+    spec.population = args.population.or(spec.population);
+    spec.generations = args.generations.or(spec.generations);
     spec.parameters.extend(args.set.iter().cloned());
     Ok(spec)
 }

@@ -113,12 +113,19 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
     if !crate::follow::is_over(view.state) {
         out.line(format_args!("progress  {}/{}  {}", glance.done, glance.total, glance.detail))?;
     }
-    let s = &view.samples;
-    let waiting = s.ready + s.delayed;
-    out.line(format_args!(
-        "samples   {} of {}; {} infeasible, {} dead, {} running, {waiting} waiting",
-        s.succeeded, view.spec.sampling.samples, s.infeasible, s.dead, s.leased
-    ))?;
+    if view.spec.sampling.samples > 0 {
+        let s = &view.samples;
+        let waiting = s.ready + s.delayed;
+        out.line(format_args!(
+            "samples   {} of {}; {} infeasible, {} dead, {} running, {waiting} waiting",
+            s.succeeded, view.spec.sampling.samples, s.infeasible, s.dead, s.leased
+        ))?;
+    }
+    for optimum in &view.optimisations {
+        if let Some(search) = &optimum.breeding {
+            out.line(format_args!("flown     {}: {}", optimum.name, render::study::breeding(search)))?;
+        }
+    }
     out.line(format_args!("time      {}", render::study::stages(&view.stages_s)))?;
     if let Some(eta) = view.eta_s {
         out.line(format_args!("left      {} of this stage", span(eta)))?;

@@ -33,7 +33,9 @@ pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
             samples += &format!(", {count} {what}");
         }
     }
-    out.line(samples)?;
+    if counts.succeeded + counts.infeasible + counts.dead > 0 {
+        out.line(samples)?;
+    }
     out.line(format_args!("time      {}", stages(&result.stages_s)))
 }
 
@@ -59,7 +61,7 @@ pub fn published(name: &str) -> &'static Case {
     let wanted = if means(&["ii", "2"]) {
         "optimum-2"
     } else if means(&["five", "5"]) {
-        "five-ann"
+        if means(&["direct"]) { "five-direct" } else { "five-ann" }
     } else {
         "optimum-1"
     };
@@ -73,16 +75,25 @@ fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
     let refined = optimum.refined.as_ref().and_then(|r| r.standing.best.as_ref());
     let refined = refined.map(|best| Some(best.parameters.0));
     let points: Vec<_> = [found].into_iter().chain(refined).chain([Some(paper.parameters)]).collect();
-    let columns = if refined.is_some() { vec!["network's", "refined"] } else { vec!["this study"] };
+    let first = if optimum.breeding.is_some() { "generations'" } else { "network's" };
+    let columns = if refined.is_some() { vec![first, "refined"] } else { vec!["this study"] };
     out.table(&header("parameter", &columns), &parameter_rows(&points))?;
     out.line("")?;
+    // Generations do not predict, they fly.
+    let first = if optimum.breeding.is_some() { "searching" } else { "predicted" };
     let columns = match refined {
-        Some(_) => vec!["predicted", "simulated ± se", "refined: predicted", "simulated ± se"],
-        None => vec!["predicted", "simulated ± se"],
+        Some(_) => vec![first, "simulated ± se", "refined: predicted", "simulated ± se"],
+        None => vec![first, "simulated ± se"],
     };
     out.table(&header("mean", &columns), &means(optimum, paper))?;
+    if let Some(search) = &optimum.breeding {
+        out.line(breeding(search))?;
+    }
     if let Some(search) = &optimum.refined {
         out.line(refinement(search))?;
+        if let Some(line) = trimmed(search) {
+            out.line(line)?;
+        }
     }
     if let Some(reason) = &optimum.infeasible {
         out.line(format_args!("the optimum cannot be flown: {reason}"))?;
@@ -100,8 +111,11 @@ fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
 fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
     let prices = &known.multipliers;
     out.line(format_args!(
-        "P+ rises by {:.4} per unit of L+, {:.4} of D+, {:.4} of M+, {:.4} per mm of clearance",
-        prices.lift, prices.drag, prices.pitch_moment, prices.clearance_per_mm
+        "P+ rises by {} per unit of L+, {} of D+, {} of M+, {} per mm of clearance",
+        fixed(prices.lift, 4),
+        fixed(prices.drag, 4),
+        fixed(prices.pitch_moment, 4),
+        fixed(prices.clearance_per_mm, 4)
     ))?;
     out.line(format_args!(
         "{} of {} descents converged, to {} optima; KKT residual {:.1e}, violation {:.1e}",
@@ -117,6 +131,21 @@ fn header(first: &str, columns: &[&str]) -> Vec<String> {
     [first].iter().chain(columns).chain(&["paper"]).map(|s| (*s).to_owned()).collect()
 }
 
+/// What generations cost and how they ended.
+pub fn breeding(search: &SearchView) -> String {
+    let Standing { rounds, simulations, fitness, .. } = &search.standing;
+    let best = fitness.map_or_else(String::new, |f| format!(", best fitness {f:.5}"));
+    let ended = search.ended.as_deref().unwrap_or("they go on");
+    format!("{rounds} generations, {simulations} strokes flown{best}: {ended}")
+}
+
+/// Power at exact trim, and what trim costs.
+pub fn trimmed(search: &SearchView) -> Option<String> {
+    let (power, prices) = search.standing.trimmed_power.zip(search.standing.prices.as_ref())?;
+    let [lift, drag, moment] = [prices.lift, prices.drag, prices.pitch_moment].map(|p| fixed(p, 3));
+    Some(format!("P+ in exact trim {power:.4}: it rises by {lift} per unit of L+, {drag} of D+, {moment} of M+"))
+}
+
 /// What refining cost and how it ended.
 pub fn refinement(search: &SearchView) -> String {
     let Standing { rounds, simulations, .. } = &search.standing;
@@ -126,7 +155,7 @@ pub fn refinement(search: &SearchView) -> String {
 
 /// An optimum is worth what the network knew there, and the re-simulation tells.
 fn doubt(optimum: &OptimumResult) -> Option<String> {
-    if optimum.refined.as_ref().is_some_and(|r| r.converged) {
+    if optimum.breeding.is_some() || optimum.refined.as_ref().is_some_and(|r| r.converged) {
         return None;
     }
     let (predicted, simulated) = (scaled(optimum.predicted.as_ref()?), estimates(optimum.simulated.as_ref()?));
@@ -184,8 +213,8 @@ mod tests {
 
     #[test]
     fn a_case_is_known_by_its_name() {
-        let names = ["case-I", "case-II", "Case II, r = 20", "five parameters", "whatever"];
-        let wanted = ["optimum-1", "optimum-2", "optimum-2", "five-ann", "optimum-1"];
+        let names = ["case-I", "case-II", "Case II, r = 20", "five parameters", "five-direct", "whatever"];
+        let wanted = ["optimum-1", "optimum-2", "optimum-2", "five-ann", "five-direct", "optimum-1"];
         assert_eq!(names.map(|n| published(n).name), wanted);
     }
 
@@ -206,6 +235,7 @@ mod tests {
             infeasible: None,
             power_per_lift_w_per_n: Some(4.56),
             clearance_mm: Some(0.5),
+            breeding: None,
             optimality: Some(Optimality {
                 multipliers: Prices {
                     lift: 0.6012,

@@ -147,7 +147,7 @@ fn case(settings: Settings) -> f64 {
 /// A study with the default settings and the paper's box.
 fn default_study(samples: u32) -> Result<Cost> {
     let model = resolve::model(&ModelSpec::default(), "").map_err(|faults| refused(format!("{faults:?}")))?;
-    cost::measure(&model, &Bounds::default(), 0.0, samples).context("no stroke of the paper's box is feasible")
+    cost::measure(&model, &Bounds::default(), 0.0, (samples, 0)).context("no stroke of the paper's box is feasible")
 }
 
 /// A lattice of the comparison with public codes: the whole wake is kept, in double precision.

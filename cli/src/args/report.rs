@@ -1,0 +1,71 @@
+//! Options of `manduca report`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::Coordinator;
+
+/// `manduca report ...`.
+#[derive(Debug, Subcommand)]
+pub enum ReportCommand {
+    /// Canonical checks, the published strokes and what they are sensitive to.
+    Verification(ReportArgs),
+    /// What the means owe to panels, steps, cores and wake; standard errors; smoothness.
+    Convergence(ConvergenceArgs),
+    /// A finished study beside the paper: surrogate, optima, penalty, population.
+    Reproduction(ReproductionArgs),
+}
+
+/// `manduca report reproduction`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Fetches the study from a coordinator and searches on its surrogate here; the searches of the
+default numbers keep two cores busy for some minutes.
+
+Example:
+  manduca run paper --data paper && manduca serve --data paper &
+  manduca report reproduction latest")]
+pub struct ReproductionArgs {
+    /// A study: its id, the end of its id, or `latest`.
+    pub study: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    #[command(flatten)]
+    pub report: ReportArgs,
+    /// Population of the sweep of the penalty.
+    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    pub population: usize,
+    /// Populations of Fig. 7.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000])]
+    pub populations: Vec<usize>,
+    /// Runs of each population.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub runs: u64,
+}
+
+/// `manduca report convergence`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The document in docs/ is of the default numbers, which keep two cores busy for about half an hour.")]
+pub struct ConvergenceArgs {
+    #[command(flatten)]
+    pub report: ReportArgs,
+    /// Random strokes beside the published ones.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub strokes: u64,
+    /// Random strokes whose standard errors are tried.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub errors: u64,
+    /// Random lines along which smoothness is tried.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub lines: u64,
+}
+
+/// `manduca report verification`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folder of the document and of its `figures`.
+    #[arg(short, long, value_name = "DIR", default_value = "docs")]
+    pub output: PathBuf,
+}
