@@ -25,10 +25,17 @@ default numbers keep two cores busy for some minutes.
 
 Example:
   manduca run paper --data paper && manduca serve --data paper &
-  manduca report reproduction latest")]
+  manduca report reproduction latest
+  manduca report reproduction 01a2 --direct 7c31 --five 9f04     with the five-parameter case")]
 pub struct ReproductionArgs {
     /// A study: its id, the end of its id, or `latest`.
     pub study: String,
+    /// A finished `five-direct`, or any study with a direct optimisation: compared with --five.
+    #[arg(long, value_name = "STUDY", requires = "five")]
+    pub direct: Option<String>,
+    /// A finished `five`, or any study with an optimum of its network: compared with --direct.
+    #[arg(long, value_name = "STUDY", requires = "direct")]
+    pub five: Option<String>,
     #[command(flatten)]
     pub coordinator: Coordinator,
     #[command(flatten)]

@@ -8,7 +8,7 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::task::{Estimate, JobKind, OptimiseTask, SimulateOutcome, Task};
 use manduca_protocol::view::{OptimumView, StudyView};
 use manduca_protocol::{network, resolve};
-use manduca_report::reproduction::{self, Effort, Found, Optimum, Study};
+use manduca_report::reproduction::{self, Effort, Five, Found, Optimum, Side, Study};
 
 use crate::api::Api;
 use crate::args::ReproductionArgs;
@@ -20,8 +20,16 @@ pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
     let api = Api::new(&args.coordinator.url)?;
     let id = api.find(&args.study).await?;
     let study = fetched(&api, id).await?;
+    let five = match (&args.direct, &args.five) {
+        (Some(direct), Some(surrogate)) => {
+            Some(Five { direct: side(&api, direct, true).await?, surrogate: side(&api, surrogate, false).await? })
+        }
+        _ => None,
+    };
     let effort = Effort { population: args.population, populations: args.populations.clone(), runs: args.runs };
-    let report = tokio::task::spawn_blocking(move || reproduction::compute(&study, &effort, &mut |step| note(step)));
+    let report = tokio::task::spawn_blocking(move || {
+        reproduction::compute(&study, five.as_ref(), &effort, &mut |step| note(step))
+    });
     super::report::write(&args.report, report.await?.context("the document failed")?)
 }
 
@@ -41,6 +49,28 @@ async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
         seed: view.spec.seed,
         optima: view.optimisations.iter().filter_map(optimum).collect(),
     })
+}
+
+/// The first optimum of a study which was searched directly, or which was not.
+async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
+    let id = api.find(study).await?;
+    let view = api.study(id).await?;
+    let mut all = view.optimisations.iter().zip(&view.spec.optimisations);
+    let kind = if direct { "direct optimisation" } else { "optimisation on its network" };
+    let found =
+        all.find(|(_, asked)| asked.is_direct() == direct).and_then(|(found, _)| Some((found, optimum(found)?)));
+    let (found, optimum) = found.with_context(|| format!("study {id} has no finished {kind}"))?;
+    let mut facts = vec![("study".to_owned(), format!("{} ({id})", view.spec.name))];
+    facts.extend(found.breeding.as_ref().map(|b| ("generations".to_owned(), render::study::breeding(b))));
+    if view.spec.sampling.samples > 0 {
+        facts.push(("samples".to_owned(), view.samples.succeeded.to_string()));
+    }
+    if let Some(errors) = &view.surrogate {
+        let [lift, drag, moment, power] = render::scaled(&errors.rmse);
+        facts.push(("errors".to_owned(), format!("rms on its test share: {lift:.4} {drag:.4} {moment:.4} {power:.4}")));
+    }
+    facts.push(("wall time".to_owned(), render::study::stages(&view.stages_s)));
+    Ok(Side { facts, optimum })
 }
 
 /// The task of any of the study's optimisations: it has the surrogate.
@@ -94,9 +124,16 @@ fn optimum(view: &OptimumView) -> Option<Optimum> {
         },
         refined,
         refining: view.search.as_ref().map(render::study::refinement),
-        prices: found.optimality.as_ref().map(|o| {
-            let prices = &o.multipliers;
-            [prices.lift, prices.drag, prices.pitch_moment]
-        }),
+        prices: prices(view),
     })
+}
+
+/// What trim costs: at the refined optimum, else at the first.
+fn prices(view: &OptimumView) -> Option<[f64; 3]> {
+    let refined = view.search.as_ref().and_then(|s| s.standing.prices.as_ref());
+    let first = || view.optimum.as_ref()?.optimality.as_ref().map(|o| &o.multipliers);
+    match refined {
+        Some(p) => Some([p.lift, p.drag, p.pitch_moment]),
+        None => first().map(|p| [p.lift, p.drag, p.pitch_moment]),
+    }
 }
