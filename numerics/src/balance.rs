@@ -1,6 +1,6 @@
 //! From loads on one wing to lift, drag, pitching moment and power of the insect.
 
-use crate::kinematics::{Angle, Attitude, Stroke, Vector};
+use crate::kinematics::{Angle, Attitude, Clock, Stroke, Vector};
 use crate::math::sin_cos;
 use crate::simulation::{JointPower, Simulation, StrokeMean};
 use crate::uvlm::{Air, WingLoad};
@@ -89,11 +89,11 @@ pub struct Snapshot {
     pub joints: [JointPower; 3],
 }
 
-/// Sums over the instants of one stroke, equally spaced.
+/// Sums over the instants of one stroke.
 #[derive(Debug, Clone)]
 pub struct Cycle<'a> {
     body: &'a Body,
-    instants: usize,
+    weight: f64,
     tangential: f64,
     normal: f64,
     hinge_moment: f64,
@@ -103,21 +103,22 @@ pub struct Cycle<'a> {
 impl<'a> Cycle<'a> {
     /// An empty stroke.
     pub fn new(body: &'a Body) -> Self {
-        Self { body, instants: 0, tangential: 0.0, normal: 0.0, hinge_moment: 0.0, joints: [JointPower::default(); 3] }
+        Self { body, weight: 0.0, tangential: 0.0, normal: 0.0, hinge_moment: 0.0, joints: [JointPower::default(); 3] }
     }
 
-    /// One instant: angles, attitude and the load on one wing about its hinge.
-    pub fn add(&mut self, angles: &[Angle; 3], attitude: &Attitude, load: &WingLoad) -> Snapshot {
+    /// One instant: angles, attitude, the load on one wing about its hinge, and its weight
+    /// in the means.
+    pub fn add(&mut self, angles: &[Angle; 3], attitude: &Attitude, load: &WingLoad, weight: f64) -> Snapshot {
         let (tangential, normal) = (2.0 * load.force.x, 2.0 * load.force.z);
         // Nose up turns x towards z: about -y.
         let hinge_moment = -2.0 * load.moment.y;
-        self.instants += 1;
-        self.tangential += tangential;
-        self.normal += normal;
-        self.hinge_moment += hinge_moment;
+        self.weight += weight;
+        self.tangential += weight * tangential;
+        self.normal += weight * normal;
+        self.hinge_moment += weight * hinge_moment;
         let joints = self.body.joint_power(angles, attitude, &load.moment);
         for (sum, joint) in self.joints.iter_mut().zip(&joints) {
-            sum.add(joint, 1.0);
+            sum.add(joint, weight);
         }
         let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
         Snapshot { angles: *angles, lift_n: lift, drag_n: drag, moment_nm: moment, joints }
@@ -125,12 +126,12 @@ impl<'a> Cycle<'a> {
 
     /// The stroke's means, with the power of its instants.
     pub fn mean(&self) -> StrokeMean {
-        self.mean_with(self.joints.map(|joint| joint.over(self.instants)))
+        self.mean_with(self.joints.map(|joint| joint.over(self.weight)))
     }
 
     /// The stroke's means, with power integrated elsewhere.
     pub fn mean_with(&self, joints: [JointPower; 3]) -> StrokeMean {
-        let n = self.instants as f64;
+        let n = self.weight;
         let (tangential, normal, hinge_moment) = (self.tangential / n, self.normal / n, self.hinge_moment / n);
         let (lift, drag, moment) = self.body.to_earth(tangential, normal, hinge_moment);
         let power = joints.iter().map(|j| j.required_w).sum();
@@ -151,8 +152,8 @@ impl JointPower {
         self.required_w += weight * other.required_w;
     }
 
-    fn over(&self, count: usize) -> Self {
-        let n = count.max(1) as f64;
+    fn over(&self, weight: f64) -> Self {
+        let n = if weight > 0.0 { weight } else { 1.0 };
         Self { aerodynamic_w: self.aerodynamic_w / n, inertial_w: self.inertial_w / n, required_w: self.required_w / n }
     }
 }
@@ -169,19 +170,19 @@ const BETWEEN: usize = 4;
 pub struct FinePower<'a> {
     body: &'a Body,
     stroke: &'a Stroke,
-    steps_per_stroke: usize,
+    clock: &'a Clock,
     /// The air's moment in the wing's axes at the last four steps, oldest first.
     moments: [Vector; 4],
     steps: usize,
-    intervals: usize,
+    weight: f64,
     joints: [JointPower; 3],
 }
 
 impl<'a> FinePower<'a> {
     /// Nothing yet.
-    pub fn new(body: &'a Body, stroke: &'a Stroke, steps_per_stroke: usize) -> Self {
+    pub fn new(body: &'a Body, stroke: &'a Stroke, clock: &'a Clock) -> Self {
         let moments = [Vector::zeros(); 4];
-        Self { body, stroke, steps_per_stroke, moments, steps: 0, intervals: 0, joints: Default::default() }
+        Self { body, stroke, clock, moments, steps: 0, weight: 0.0, joints: Default::default() }
     }
 
     /// The next step: its attitude and the air's moment on one wing about the hinge.
@@ -193,24 +194,26 @@ impl<'a> FinePower<'a> {
         if self.steps < self.moments.len() {
             return;
         }
-        self.intervals += 1;
         for i in 0..BETWEEN {
             let share = (i as f64 + 0.5) / BETWEEN as f64;
             // Between the second and third of the four.
-            let angles = self.stroke.angles(((self.steps - 3) as f64 + share) / self.steps_per_stroke as f64);
+            let step = (self.steps - 3) as f64 + share;
+            let weight = self.clock.pace(step);
+            self.weight += weight;
+            let angles = self.stroke.angles(self.clock.phase(step));
             let attitude = Attitude::new(&angles);
             let m = cubic(&self.moments, share);
             let moment = attitude.e_r * m.x + attitude.e_c * m.y + attitude.e_n * m.z;
             for (sum, joint) in self.joints.iter_mut().zip(self.body.joint_power(&angles, &attitude, &moment)) {
-                sum.add(&joint, 1.0 / BETWEEN as f64);
+                sum.add(&joint, weight);
             }
         }
     }
 
     /// Mean power since it was last taken.
     pub fn take(&mut self) -> [JointPower; 3] {
-        let mean = self.joints.map(|joint| joint.over(self.intervals));
-        self.intervals = 0;
+        let mean = self.joints.map(|joint| joint.over(self.weight));
+        self.weight = 0.0;
         self.joints = Default::default();
         mean
     }

@@ -56,9 +56,9 @@ pub fn fly(simulation: &Simulation, settings: &Settings, watch: &mut dyn FnMut(&
             load.force += force;
             load.moment += (attitude.e_r * blade.r + attitude.e_c * s).cross(&force);
         }
-        let snapshot = cycle.add(&angles, &attitude, &load);
+        let snapshot = cycle.add(&angles, &attitude, &load, 1.0);
         let phase = step as f64 / settings.steps_per_stroke as f64;
-        watch(&Moment { stroke: 1, step, phase, snapshot });
+        watch(&Moment { stroke: 1, step, phase, share: 1.0 / settings.steps_per_stroke as f64, snapshot });
     }
     cycle.mean()
 }

@@ -7,7 +7,7 @@ use crate::parameters::Point;
 use crate::{quasi_steady, uvlm};
 
 /// Version of the numbers: it changes whenever any result may change.
-pub const SOLVER_VERSION: &str = "3";
+pub const SOLVER_VERSION: &str = "4";
 
 /// Which aerodynamics, with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,6 +131,8 @@ pub struct Moment {
     pub step: usize,
     /// Time since the stroke began, in strokes.
     pub phase: f64,
+    /// Its weight in means over the stroke.
+    pub share: f64,
     /// Angles, loads and power.
     pub snapshot: Snapshot,
 }

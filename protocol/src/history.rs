@@ -29,11 +29,13 @@ macro_rules! row {
 }
 
 row! {
-    /// One step of a flight, both wings. Means over a stroke's rows are that stroke's means.
+    /// One step of a flight, both wings. Means over a stroke's rows, weighted by `share`, are
+    /// that stroke's means.
     pub struct HistoryRow {
         stroke: u32, "Number of the stroke, from 1.";
         step: u32, "Number of the step in its stroke, from 0.";
         phase: f64, "Time since the stroke began, in strokes.";
+        share: f64, "Weight of the step in means over its stroke; those of a stroke sum to one.";
         time_s: f64, "Time since the flight began, s.";
         sweep_deg: f64, "Sweep, positive forward.";
         elevation_deg: f64, "Elevation above the stroke plane.";
@@ -70,6 +72,7 @@ impl From<&Instant> for HistoryRow {
             stroke: count(moment.stroke),
             step: count(moment.step),
             phase: moment.phase,
+            share: moment.share,
             time_s: instant.time_s,
             sweep_deg: sweep.value.to_degrees(),
             elevation_deg: elevation.value.to_degrees(),
@@ -193,7 +196,10 @@ mod tests {
             moment_nm: 0.3,
             joints: [joint(1.0), joint(2.0), joint(4.0)],
         };
-        HistoryRow::from(&Instant { time_s: 0.25, moment: Moment { stroke: 2, step: 3, phase: 0.5, snapshot } })
+        HistoryRow::from(&Instant {
+            time_s: 0.25,
+            moment: Moment { stroke: 2, step: 3, phase: 0.5, share: 0.125, snapshot },
+        })
     }
 
     #[test]
@@ -203,6 +209,7 @@ mod tests {
             ("stroke", 2.0),
             ("step", 3.0),
             ("phase", 0.5),
+            ("share", 0.125),
             ("time_s", 0.25),
             ("elevation_deg", 20.0),
             ("rotation_rate_deg_s", -90.0),

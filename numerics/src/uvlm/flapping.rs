@@ -2,7 +2,7 @@
 
 use crate::balance::{Body, Cycle, FinePower};
 use crate::insect::Insect;
-use crate::kinematics::{Attitude, Stroke};
+use crate::kinematics::{Attitude, Clock, Stroke};
 use crate::simulation::{Infeasible, Means, Moment, Simulation, StrokeMean};
 use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
@@ -21,22 +21,23 @@ pub fn fly(
     let stroke = Stroke::new(&simulation.parameters, simulation.elevation_phase);
     let body = Body::new(simulation, &stroke);
     let mut solver = solver(insect, settings, &stroke, body.air());
-    let dt = stroke.period() / settings.steps_per_stroke as f64;
-    let mut power = FinePower::new(&body, &stroke, settings.steps_per_stroke);
+    let clock = Clock::new(&stroke, &solver.lattice().trailing, settings.steps_per_stroke, settings.steps_by_speed);
+    let mut power = FinePower::new(&body, &stroke, &clock);
     let mut means = Vec::with_capacity(settings.strokes);
     while wants_more(&means, settings, insect) {
         let number = means.len() + 1;
         let mut cycle = Cycle::new(&body);
         for step in 0..settings.steps_per_stroke {
-            let angles = stroke.angles(step as f64 / settings.steps_per_stroke as f64);
+            let dt = (clock.phase(step as f64) - clock.phase(step as f64 - 1.0)) * stroke.period();
+            let angles = stroke.angles(clock.phase(step as f64));
             let attitude = Attitude::new(&angles);
             let load = solver
                 .step(&Pose::hinged(insect.hinge_offset_m, &attitude), dt)
                 .ok_or(Infeasible::BlowUp { stroke: number })?;
             power.add(&attitude, &load.moment);
-            let snapshot = cycle.add(&angles, &attitude, &load);
-            let phase = step as f64 / settings.steps_per_stroke as f64;
-            watch(&Moment { stroke: number, step, phase, snapshot }, Some(&solver));
+            let (phase, share) = (clock.phase(step as f64), clock.weight(step));
+            let snapshot = cycle.add(&angles, &attitude, &load, share);
+            watch(&Moment { stroke: number, step, phase, share, snapshot }, Some(&solver));
         }
         means.push(cycle.mean_with(power.take()));
     }

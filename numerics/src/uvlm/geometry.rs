@@ -117,6 +117,8 @@ pub struct Lattice {
     pub strips: usize,
     /// Ring corners, `(chordwise + 1) x (strips + 1)`.
     pub nodes: Vec<Flat>,
+    /// Trailing edge at each station.
+    pub trailing: Vec<Flat>,
     /// Panels, `chordwise x strips`.
     pub panels: Vec<Panel>,
     /// Width of each strip, m.
@@ -173,6 +175,7 @@ impl Lattice {
             chordwise,
             strips,
             nodes,
+            trailing: (0..=strips).map(|k| at(k, 1.0)).collect(),
             panels,
             width: strip(&|k| planform.span[k + 1] - planform.span[k]),
             chord: strip(&|k| 0.5 * ((at(k, 0.0) - at(k, 1.0)).y + (at(k + 1, 0.0) - at(k + 1, 1.0)).y)),

@@ -10,6 +10,7 @@ table! {
         chordwise_panels: usize = 8, 1..=32, "", "panels along the chord";
         spanwise_panels: usize = 10, 1..=48, "", "panels along one wing";
         steps_per_stroke: usize = 64, 8..=720, "", "time steps per stroke";
+        steps_by_speed: f64 = 0.65, 0.0..=0.95, "", "share of the time steps dealt out by the trailing edge's speed, the rest evenly";
         strokes: usize = 10, 1..=200, "", "strokes flown, from rest, at least";
         strokes_dropped: usize = 4, 0..=100, "", "first strokes left out of the means (the wake builds up)";
         strokes_most: usize = 20, 1..=400, "", "strokes flown at most: two more at a time while a standard error is above `standard_error`";
@@ -17,8 +18,8 @@ table! {
         wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered ring by ring";
         wake_joined_after: f64 = 0.5, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
         wake_tail: f64 = 2.0, 0.0..=6.0, "c", "radius of the sinks which stand for the wake forgotten; 0 leaves them out";
-        first_row: f64 = 0.25, 0.05..=1.0, "steps", "distance of the first wake row behind the trailing edge where a step is as long as a panel";
-        edge_inset: f64 = 0.2, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
+        first_row: f64 = 0.25, 0.05..=2.0, "steps", "place of the line which stands for the wake shed in a step, behind the trailing edge, as a plate sees it";
+        edge_inset: f64 = 0.17, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
         bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
         bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";
         wake_core_on_wake: f64 = 0.25, 0.01..=2.0, "c", "core of wake just shed as the wake sees it";

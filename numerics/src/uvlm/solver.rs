@@ -64,8 +64,12 @@ pub struct Solver {
     rhs: Vec<f64>,
     /// Circulations of this step and the two before, newest first.
     history: [Vec<f64>; 3],
+    /// Time since the first step, s, and how long this step and the one before were.
+    time: f64,
+    last: [f64; 2],
     rate: Vec<f64>,
     steps: usize,
+    edge: Edge,
     /// Collocation points, their mirror images, then the bound segments' middles.
     near: Points,
     near_velocity: Points,
@@ -78,6 +82,15 @@ pub struct Solver {
     single_wake: SingleWake,
     relative: Vec<Vector>,
     interactions: u64,
+}
+
+/// The trailing edge, for the wake that leaves it.
+#[derive(Debug, Clone, Default)]
+struct Edge {
+    /// Where the air is now that was at the edge a step ago, but for what the vortices did to it.
+    before: Vec<Vector>,
+    /// The middle between that and the edge: of the sheet shed in the step.
+    middle: Vec<Vector>,
 }
 
 /// Mirror in the plane of symmetry.
@@ -122,8 +135,11 @@ impl Solver {
             circulations,
             rhs: vec![0.0; count],
             history: [vec![0.0; count], vec![0.0; count], vec![0.0; count]],
+            time: 0.0,
+            last: [0.0; 2],
             rate: vec![0.0; count],
             steps: 0,
+            edge: Edge::default(),
             near: Points::zeros(3 * count),
             near_velocity: Points::zeros(3 * count),
             images: Points::zeros(count),
@@ -167,16 +183,19 @@ impl Solver {
         if self.steps > 0 {
             self.forget();
             self.convect(dt);
-            self.vorticity.shed(self.steps - 1);
+            self.vorticity.shed(self.steps - 1, self.time);
             self.join();
+            self.time += dt;
+            self.last = [dt, self.last[0]];
         }
         self.place(pose);
-        self.wake_on_wing(dt);
+        self.place_edge(pose, dt);
+        self.wake_on_wing();
         self.solve(pose)?;
         self.vorticity.set_bound(&self.history[0]);
         self.vorticity.assemble_bound();
         self.relative_flow(pose);
-        self.differentiate(dt);
+        self.differentiate();
         let flow = Flow { circulation: &self.history[0], rate: &self.rate, relative: &self.relative };
         let load = wing_load(&self.lattice, pose, &self.air, &self.suction, &self.fit, &flow);
         self.steps += 1;
@@ -244,13 +263,26 @@ impl Solver {
         }
     }
 
+    /// Follows the trailing edge. In the first step the wing starts from where it is.
+    fn place_edge(&mut self, pose: &Pose, dt: f64) {
+        let Edge { before, middle } = &mut self.edge;
+        let started = !before.is_empty();
+        before.resize(self.lattice.trailing.len(), Vector::zeros());
+        middle.resize(before.len(), Vector::zeros());
+        for ((p, before), middle) in self.lattice.trailing.iter().zip(before).zip(middle) {
+            let now = pose.place(p);
+            let left = if started { *before - self.air.carried(before) * dt } else { now };
+            (*before, *middle) = (now, (now + left) * 0.5);
+        }
+    }
+
     /// Velocity of the wake alone at collocation points, their images and bound segments.
-    fn wake_on_wing(&mut self, dt: f64) {
+    fn wake_on_wing(&mut self) {
         self.vorticity.clear_bound();
         self.vorticity.assemble();
         let cores = self.cores;
-        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age * dt) };
-        self.vorticity.set_cores(self.steps, radius);
+        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age) };
+        self.vorticity.set_cores(self.time, radius);
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {
             induce(&wake, &self.near, &mut self.near_velocity);
@@ -310,24 +342,29 @@ impl Solver {
         }
     }
 
-    /// dΓ/dt by backward differences, second order once there are two steps behind.
-    fn differentiate(&mut self, dt: f64) {
+    /// dΓ/dt by backward differences over steps of any length, second order once there are
+    /// two steps behind.
+    fn differentiate(&mut self) {
         let [now, before, earlier] = &self.history;
+        let [h, g] = self.last;
+        // The parabola's slope at its end: 3/2, -2 and 1/2 for equal steps.
+        let (a, b, c) = ((2.0 * h + g) / (h * (h + g)), -(h + g) / (h * g), h / (g * (h + g)));
         for (i, rate) in self.rate.iter_mut().enumerate() {
             *rate = match self.steps {
                 0 => 0.0,
-                1 => (now[i] - before[i]) / dt,
-                _ => (3.0 * now[i] - 4.0 * before[i] + earlier[i]) / (2.0 * dt),
+                1 => (now[i] - before[i]) / h,
+                _ => a * now[i] + b * before[i] + c * earlier[i],
             };
         }
     }
 
-    /// Moves the wake with the air (explicit Euler).
+    /// Moves the wake with the air (explicit Euler). The newest line of nodes starts from the
+    /// middle of the sheet it stands for; at the edge it was where it acts like that sheet.
     fn convect(&mut self, dt: f64) {
         let cores = self.cores;
         // On the line at the edge both sheets meet: it has the wake's core for both.
-        let across = move |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age * dt) };
-        self.vorticity.set_cores(self.steps - 1, across);
+        let across = move |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age) };
+        self.vorticity.set_cores(self.time, across);
         let nodes = self.vorticity.convected();
         let moved = nodes.len();
         self.wake_targets.resize(2 * moved);
@@ -349,7 +386,7 @@ impl Solver {
             tail.induce(&self.wake_targets, &mut self.wake_velocity);
         }
         for (i, node) in nodes.enumerate() {
-            let p = Vector::from(self.wake_targets.get(i));
+            let p = self.edge.middle.get(i).copied().unwrap_or_else(|| self.wake_targets.get(i).into());
             let v = Vector::from(self.wake_velocity.get(i)) + Vector::from(mirrored(self.wake_velocity.get(moved + i)));
             self.vorticity.set_node(node, (p + (v - self.air.carried(&p)) * dt).into());
         }

@@ -27,6 +27,8 @@ pub struct Vorticity {
     rows: usize,
     /// Number of the step in which each row of nodes left the edge; the wing's rows have none.
     born: Vec<usize>,
+    /// When that was, s.
+    left: Vec<f64>,
     nodes: [Vec<f64>; 3],
     /// Ring circulations, row by row, bound rings first, m²/s.
     circulation: Vec<f64>,
@@ -44,6 +46,7 @@ impl Vorticity {
             bound_rows,
             rows: bound_rows,
             born: vec![0; most_rows],
+            left: vec![0.0; most_rows],
             nodes: [along(), along(), along()],
             circulation: vec![0.0; most_rows * (columns - 1)],
             sheet: vec![Node::default(); most_rows * columns],
@@ -115,15 +118,16 @@ impl Vorticity {
     }
 
     /// Sheds the last bound ring's circulation: the line at the edge, which left in
-    /// step `step`, becomes wake.
-    pub fn shed(&mut self, step: usize) {
+    /// step `step` at `time` (s), becomes wake.
+    pub fn shed(&mut self, step: usize, time: f64) {
         let (columns, strips) = (self.columns, self.strips());
         let (edge, rows) = (self.edge_row(), self.rows);
         for component in &mut self.nodes {
             component.copy_within(edge * columns..rows * columns, (edge + 1) * columns);
         }
         self.born.copy_within(edge..rows, edge + 1);
-        self.born[edge + 1] = step;
+        self.left.copy_within(edge..rows, edge + 1);
+        (self.born[edge + 1], self.left[edge + 1]) = (step, time);
         // The ring row before the wake is the wing's last: shifting from there sheds it.
         self.circulation.copy_within((edge - 1) * strips..(rows - 1) * strips, edge * strips);
         self.rows += 1;
@@ -149,6 +153,7 @@ impl Vorticity {
             component.copy_within((row + 1) * columns..rows * columns, row * columns);
         }
         self.born.copy_within(row + 1..rows, row);
+        self.left.copy_within(row + 1..rows, row);
         self.circulation.copy_within((row + 1) * strips..(rows - 1) * strips, row * strips);
         self.rows -= 1;
     }
@@ -205,11 +210,11 @@ impl Vorticity {
         }
     }
 
-    /// Sets the cores: `radius(age)` gives the core radius of segments, m; age
-    /// counts steps since the edge was left at step `now`, negative on the wing.
-    pub fn set_cores(&mut self, now: usize, radius: impl Fn(f64) -> f64) {
+    /// Sets the cores: `radius(age)` gives the core radius of segments, m; age is the
+    /// time `now` since the edge was left, s, negative on the wing.
+    pub fn set_cores(&mut self, now: f64, radius: impl Fn(f64) -> f64) {
         let (columns, edge) = (self.columns, self.edge_row());
-        let age = |row: usize| if row > edge { (now - self.born[row]) as f64 } else { row as f64 - edge as f64 };
+        let age = |row: usize| if row > edge { now - self.left[row] } else { row as f64 - edge as f64 };
         for (row, nodes) in self.sheet.chunks_exact_mut(columns).take(self.rows).enumerate() {
             let along = radius(age(row)).powi(2);
             for node in &mut nodes[1..] {

@@ -19,7 +19,7 @@ const TOLERANCE: f64 = 0.005;
 pub fn coefficient(wing: Wing) -> f64 {
     let panels = wing.scheme.settings.chordwise_panels;
     // A closed plate: the last ring ends a quarter panel behind the edge, where the lattice has its edge.
-    let edge_speed = 0.25 / panels as f64 / (wing.scheme.settings.first_row * wing.scheme.step());
+    let edge_speed = 1.0 / (PI * panels as f64 * wing.scheme.settings.first_row * wing.scheme.step());
     let mut solver = wing.solver_with_edge_speed(wing.scheme.step(), edge_speed);
     if solver.step(&level(0.0, Vector::zeros(), -Vector::z()), 1.0).is_none() {
         return f64::NAN;

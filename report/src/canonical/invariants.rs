@@ -18,7 +18,7 @@ const STROKES: f64 = 0.75;
 
 /// What rounding may do: at the default settings the wake moves in single precision.
 fn rounding(settings: &Settings) -> f64 {
-    if settings.single_precision_wake == 1 { 1e-6 } else { 1e-8 }
+    if settings.single_precision_wake == 1 { 1e-6 } else { 3e-8 }
 }
 
 /// A hawkmoth's wing flown along given poses.

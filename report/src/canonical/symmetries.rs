@@ -66,14 +66,15 @@ fn fore_aft() -> Option<f64> {
 /// Mean inertial power over a stroke over its amplitude, unrectified, summed over the joints.
 fn energy(parameters: Point) -> Option<f64> {
     let settings = Settings { strokes: 1, strokes_dropped: 0, steps_per_stroke: 48, ..coarse() };
-    let mut powers = Vec::new();
+    let (mut mean, mut amplitude) = (0.0, 0.0_f64);
     let flight = Flight { settings, ..Flight::of(parameters) };
     simulate_watched(&flight.simulation(), &mut |moment, _| {
-        powers.push(moment.snapshot.joints.iter().map(|j| j.inertial_w).sum::<f64>());
+        let power = moment.snapshot.joints.iter().map(|j| j.inertial_w).sum::<f64>();
+        mean += moment.share * power;
+        amplitude = amplitude.max(power.abs());
     })
     .ok()?;
-    let amplitude = powers.iter().fold(0.0_f64, |a, p| a.max(p.abs()));
-    Some(powers.iter().sum::<f64>() / powers.len() as f64 / amplitude)
+    Some(mean / amplitude)
 }
 
 /// The checks.
