@@ -6,7 +6,9 @@ mod optimise;
 mod record;
 mod solver;
 
-pub use bench::{BenchAccuracyArgs, BenchCommand, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice};
+pub use bench::{
+    BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
+};
 pub use model::{Model, ModelArgs};
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;

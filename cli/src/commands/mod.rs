@@ -33,7 +33,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Optimise(args) => optimise::optimise(args).await,
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
-        Command::Bench(command) => bench::bench(&command),
+        Command::Bench(command) => bench::bench(&command).await,
         Command::Report(command) => report::report(&command).await,
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),
