@@ -27,10 +27,10 @@ fn run_limit(kind: JobKind) -> Duration {
 
 /// The lease of a job as the worker gets it: simulations with their task, the
 /// rest to be fetched, for their tasks are large.
-pub(crate) fn lease(leased: &Leased, spec: &StudySpec) -> Result<Lease, StoreError> {
+pub(crate) fn lease(leased: &Leased) -> Result<Lease, StoreError> {
     let kind = kind_of(leased.role);
     let task = match &leased.parameters {
-        Some(parameters) => Some(simulation(spec, leased.role, leased.ordinal, parameters)?),
+        Some(parameters) => Some(simulation(&leased.spec, leased.role, leased.ordinal, parameters)?),
         None => None,
     };
     Ok(Lease {

@@ -1,14 +1,11 @@
 //! One round trip of a worker.
 
-use std::collections::HashMap;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
-use manduca_protocol::ids::{StudyId, WorkerId};
+use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::study::StudySpec;
 use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Lease, MAX_BATCH, MAX_WAIT_S, Renewal};
 use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
@@ -54,7 +51,7 @@ async fn exchange(
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
     let first = Exchange { worker, complete, fail: request.fail, renew, want: give(want) };
-    let mut told = state.store().run(first).await?;
+    let mut told = state.store().exchange(first).await?;
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
         tokio::select! {
@@ -65,7 +62,7 @@ async fn exchange(
         notified.set(state.ready().notified());
         notified.as_mut().enable();
         let again = Exchange { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), want: give(want) };
-        told.leased = state.store().run(again).await?.leased;
+        told.leased = state.store().exchange(again).await?.leased;
     }
     Ok(Json(response(told)?))
 }
@@ -114,19 +111,7 @@ fn response(told: Exchanged) -> Result<ExchangeResponse, StoreError> {
     })
 }
 
-/// The leases with their tasks; each study's specification is parsed once.
+/// The leases with their tasks.
 fn leases(leased: &[Leased]) -> Result<Vec<Lease>, StoreError> {
-    let mut specs: HashMap<StudyId, Arc<StudySpec>> = HashMap::new();
-    let mut leases = Vec::with_capacity(leased.len());
-    for job in leased {
-        let spec = match specs.get(&job.study) {
-            Some(spec) => spec.clone(),
-            None => {
-                let spec = serde_json::from_str(&job.spec).map_err(|e| StoreError::Corrupt(e.to_string()))?;
-                specs.entry(job.study).or_insert(Arc::new(spec)).clone()
-            }
-        };
-        leases.push(compose::lease(job, &spec)?);
-    }
-    Ok(leases)
+    leased.iter().map(compose::lease).collect()
 }

@@ -40,6 +40,7 @@ impl Operation for AddOptimisation {
             }
         }
         insert(work, study, row.optimisations, &self.spec).await?;
+        work.specs.clear();
         set_stage(work, &row, Stage::Optimising).await?;
         insert_jobs(work.db, study, JobRole::Optimise, row.optimisations + 1).await?;
         work.events.push(Event::Ready);

@@ -1,5 +1,7 @@
 //! A study moves from stage to stage, inside the operation whose change lets it.
 
+use std::collections::BTreeSet;
+
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve;
@@ -55,6 +57,36 @@ pub(super) async fn find_study(db: &mut SqliteConnection, study: i64) -> Result<
         next_sample: unsigned(raw.next_sample)?,
         optimisations: raw.optimisations,
     })
+}
+
+/// Moves on those of these studies which have no open job left in their stage.
+pub(super) async fn advance_ended(work: &mut Work<'_>, studies: &BTreeSet<i64>) -> Result<(), StoreError> {
+    if studies.is_empty() {
+        return Ok(());
+    }
+    for study in list_ended(work.db, studies).await? {
+        advance(work, study).await?;
+    }
+    Ok(())
+}
+
+/// The roles are those of [`Stage::roles`].
+async fn list_ended(db: &mut SqliteConnection, studies: &BTreeSet<i64>) -> Result<Vec<i64>, StoreError> {
+    let studies = serde_json::to_string(studies).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    let ended = sqlx::query_scalar(
+        "select s.study from json_each(?) as d cross join studies as s on s.study = d.value
+         where s.condition = 'running' and not exists (
+             select 1 from study_counts as c
+             where c.study = s.study and c.state in ('ready', 'delayed', 'leased') and c.n > 0
+               and (c.role = case s.stage when 'sampling' then 'sample' when 'training' then 'train'
+                                          when 'optimising' then 'optimise' when 'verifying' then 'verify'
+                                          else 'probe' end
+                    or s.stage = 'refining' and c.role = 'search'))",
+    )
+    .bind(studies)
+    .fetch_all(db)
+    .await?;
+    Ok(ended)
 }
 
 /// Moves a study as far as its finished jobs allow.

@@ -19,8 +19,8 @@ mod read_jobs;
 mod read_studies;
 mod read_workers;
 mod recover;
-mod renew;
 mod search;
+mod specs;
 mod submit;
 mod sweep;
 mod workers;
@@ -126,6 +126,11 @@ impl Store {
     /// Queues an operation and waits for the commit which contains it.
     pub(crate) async fn run<O: Operation>(&self, operation: O) -> Result<O::Output, StoreError> {
         self.writer.run(operation).await
+    }
+
+    /// Takes what a worker brings and gives it what it wants, with whatever other exchanges wait.
+    pub(crate) async fn exchange(&self, exchange: Exchange) -> Result<Exchanged, StoreError> {
+        self.writer.exchange(exchange).await
     }
 
     /// The pool which cannot write.

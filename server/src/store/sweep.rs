@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use manduca_protocol::ids::JobId;
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::advance;
+use super::advance::advance_ended;
 use super::complete::find_job;
 use super::fail::fail_attempt;
 use super::{Operation, StoreError, Work};
@@ -32,9 +32,7 @@ impl Operation for Sweep {
             fail_attempt(work, &job, &reason).await?;
             moved.insert(job.study);
         }
-        for study in moved {
-            advance(work, study).await?;
-        }
+        advance_ended(work, &moved).await?;
         if wake_delayed(work).await? > 0 {
             work.events.push(Event::Ready);
         }

@@ -1,9 +1,13 @@
 //! Workers come, are heard of, and go.
 
+use std::collections::{BTreeMap, HashSet};
+
 use manduca_protocol::ids::WorkerId;
 
+use super::names::uuid;
 use super::{Operation, StoreError, Work};
 use crate::event::Event;
+use crate::http::cursor::hex;
 
 /// A worker introduces itself.
 pub(crate) struct Register {
@@ -76,31 +80,44 @@ async fn give_back_leases(work: &mut Work<'_>, worker: WorkerId) -> Result<u64, 
     Ok(returned.rows_affected())
 }
 
-/// Notes that a worker was heard of.
-///
-/// # Errors
-/// When it is not registered, or has said goodbye.
-pub(super) async fn touch(work: &mut Work<'_>, worker: WorkerId) -> Result<(), StoreError> {
-    let known = sqlx::query("update workers set last_seen_ms = ? where id = ? and left_ms is null")
-        .bind(work.now)
-        .bind(worker.0.as_bytes().as_slice())
-        .execute(&mut *work.db)
-        .await?;
-    if known.rows_affected() == 0 { Err(StoreError::UnknownWorker(worker)) } else { Ok(()) }
+/// Notes that workers were heard of; gives those which are registered and have not left.
+pub(super) async fn touch(
+    work: &mut Work<'_>,
+    workers: impl Iterator<Item = WorkerId>,
+) -> Result<HashSet<WorkerId>, StoreError> {
+    let named: Vec<String> = workers.map(|worker| hex(worker.0.as_bytes())).collect();
+    let named = serde_json::to_string(&named).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    let known: Vec<Vec<u8>> = sqlx::query_scalar(
+        "update workers set last_seen_ms = ?1
+         where id in (select unhex(value) from json_each(?2)) and left_ms is null returning id",
+    )
+    .bind(work.now)
+    .bind(named)
+    .fetch_all(&mut *work.db)
+    .await?;
+    known.iter().map(|id| Ok(WorkerId(uuid(id)?))).collect()
 }
 
-/// Adds to what a worker has finished and failed.
-pub(super) async fn add_to_tally(
-    work: &mut Work<'_>,
-    worker: WorkerId,
-    completed: u32,
-    failed: u32,
-) -> Result<(), StoreError> {
-    sqlx::query("update workers set completed = completed + ?, failed = failed + ? where id = ?")
-        .bind(completed)
-        .bind(failed)
-        .bind(worker.0.as_bytes().as_slice())
-        .execute(&mut *work.db)
-        .await?;
+/// What a worker has finished and failed.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tally {
+    pub(super) completed: u32,
+    pub(super) failed: u32,
+}
+
+/// Adds to what workers have finished and failed.
+pub(super) async fn add_to_tallies(work: &mut Work<'_>, tallies: &BTreeMap<WorkerId, Tally>) -> Result<(), StoreError> {
+    if tallies.is_empty() {
+        return Ok(());
+    }
+    let rows: Vec<_> = tallies.iter().map(|(w, t)| (hex(w.0.as_bytes()), t.completed, t.failed)).collect();
+    let rows = serde_json::to_string(&rows).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    sqlx::query(
+        "update workers set completed = completed + (d.value ->> 1), failed = failed + (d.value ->> 2)
+         from json_each(?) as d where workers.id = unhex(d.value ->> 0)",
+    )
+    .bind(rows)
+    .execute(&mut *work.db)
+    .await?;
     Ok(())
 }

@@ -3,22 +3,27 @@
 //! cost of one `fsync` is shared by all who wait. Handlers only wait for the
 //! reply: one that goes away takes nothing back.
 
+use std::collections::VecDeque;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use sqlx::sqlite::SqliteConnection;
-use sqlx::{Acquire, Connection};
+use sqlx::Connection;
 use tokio::sync::{mpsc, oneshot};
 
-use super::{Observer, StoreError};
+use super::exchange::exchange_all;
+use super::specs::Specs;
+use super::{Exchange, Exchanged, Observer, StoreError};
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
 
 /// Most operations in one commit.
 const MOST_PER_COMMIT: usize = 256;
+/// Most jobs the exchanges of one commit touch, but for a single larger one.
+const MOST_JOBS: usize = 4000;
 /// Operations which may queue before callers wait for a place.
 const QUEUE: usize = 4096;
 
@@ -32,6 +37,8 @@ pub(crate) struct Work<'c> {
     pub(crate) config: &'c Config,
     /// What was decided, told after the commit.
     pub(crate) events: &'c mut Vec<Event>,
+    /// Specifications read before.
+    pub(crate) specs: &'c mut Specs,
 }
 
 /// One change of the store: all of it happens, or nothing.
@@ -83,7 +90,14 @@ impl<O: Operation> Queued for Call<O> {
     }
 }
 
+/// An exchange with the way back to its caller.
+struct Asked {
+    exchange: Exchange,
+    reply: oneshot::Sender<Result<Exchanged, StoreError>>,
+}
+
 enum Message {
+    Exchange(Asked),
     Apply(Box<dyn Queued>),
     Close(oneshot::Sender<()>),
 }
@@ -103,7 +117,8 @@ impl Writer {
         observer: Observer,
     ) -> Self {
         let (queue, messages) = mpsc::channel(QUEUE);
-        tokio::spawn(Task { connection, config, clock, observer }.serve(messages));
+        let specs = Specs::default();
+        tokio::spawn(Task { connection, config, clock, observer, specs }.serve(messages));
         Self { queue }
     }
 
@@ -112,6 +127,13 @@ impl Writer {
         let (reply, answer) = oneshot::channel();
         let call = Call { operation: Some(operation), outcome: None, reply };
         self.queue.send(Message::Apply(Box::new(call))).await.map_err(|_| StoreError::Closed)?;
+        answer.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Queues an exchange and waits until it is committed or refused.
+    pub(super) async fn exchange(&self, exchange: Exchange) -> Result<Exchanged, StoreError> {
+        let (reply, answer) = oneshot::channel();
+        self.queue.send(Message::Exchange(Asked { exchange, reply })).await.map_err(|_| StoreError::Closed)?;
         answer.await.map_err(|_| StoreError::Closed)?
     }
 
@@ -129,22 +151,52 @@ struct Task {
     config: Arc<Config>,
     clock: Arc<dyn Clock>,
     observer: Observer,
+    specs: Specs,
+}
+
+/// What is committed together.
+#[derive(Default)]
+struct Batch {
+    exchanges: Vec<Exchange>,
+    askers: Vec<oneshot::Sender<Result<Exchanged, StoreError>>>,
+    calls: Vec<Box<dyn Queued>>,
+    closing: Option<oneshot::Sender<()>>,
+}
+
+impl Batch {
+    /// Takes messages from the front, as many as make a commit.
+    fn fill(waiting: &mut VecDeque<Message>) -> Self {
+        let (mut batch, mut weight) = (Self::default(), 0);
+        while let Some(message) = waiting.pop_front() {
+            match message {
+                Message::Exchange(asked) => {
+                    weight += asked.exchange.weight();
+                    if weight > MOST_JOBS && !batch.exchanges.is_empty() {
+                        waiting.push_front(Message::Exchange(asked));
+                        break;
+                    }
+                    batch.exchanges.push(asked.exchange);
+                    batch.askers.push(asked.reply);
+                }
+                Message::Apply(call) => batch.calls.push(call),
+                // What came after the farewell is dropped, and its caller told the store is closed.
+                Message::Close(done) => {
+                    batch.closing = Some(done);
+                    waiting.clear();
+                }
+            }
+        }
+        batch
+    }
 }
 
 impl Task {
     async fn serve(mut self, mut messages: mpsc::Receiver<Message>) {
-        let mut received = Vec::with_capacity(MOST_PER_COMMIT);
-        while messages.recv_many(&mut received, MOST_PER_COMMIT).await > 0 {
-            let mut batch = Vec::with_capacity(received.len());
-            let mut closing = None;
-            for message in received.drain(..) {
-                match message {
-                    // What came after the farewell is dropped, and its caller told the store is closed.
-                    Message::Apply(call) if closing.is_none() => batch.push(call),
-                    Message::Apply(_) => {}
-                    Message::Close(done) => closing = Some(done),
-                }
-            }
+        let (mut received, mut waiting) = (Vec::with_capacity(MOST_PER_COMMIT), VecDeque::new());
+        while !waiting.is_empty() || messages.recv_many(&mut received, MOST_PER_COMMIT).await > 0 {
+            waiting.extend(received.drain(..));
+            let mut batch = Batch::fill(&mut waiting);
+            let closing = batch.closing.take();
             self.commit_and_reply(batch).await;
             if let Some(done) = closing {
                 messages.close();
@@ -157,37 +209,123 @@ impl Task {
         }
     }
 
-    async fn commit_and_reply(&mut self, mut batch: Vec<Box<dyn Queued>>) {
-        if batch.is_empty() {
+    async fn commit_and_reply(&mut self, mut batch: Batch) {
+        if batch.exchanges.is_empty() && batch.calls.is_empty() {
             return;
         }
         let mut events = Vec::new();
         let committed = self.commit(&mut batch, &mut events).await.map_err(Arc::new);
         match &committed {
-            Ok(()) => (self.observer)(&events),
+            Ok(_) => (self.observer)(&events),
             Err(error) => {
-                tracing::error!(error.cause = %error, batch.operations = batch.len(), "A batch of operations was not committed");
+                self.specs.clear();
+                let operations = batch.calls.len() + batch.exchanges.len();
+                tracing::error!(error.cause = %error, batch.operations = operations, "A batch of operations was not committed");
             }
         }
-        for call in batch {
+        let (told, committed) = match committed {
+            Ok(told) => (told, Ok(())),
+            Err(cause) => (batch.askers.iter().map(|_| Err(StoreError::Commit(cause.clone()))).collect(), Err(cause)),
+        };
+        for (asker, told) in batch.askers.into_iter().zip(told) {
+            // The caller may have gone; what is committed stays.
+            let _ = asker.send(told);
+        }
+        for call in batch.calls {
             call.reply(&committed);
         }
     }
 
-    async fn commit(&mut self, batch: &mut [Box<dyn Queued>], events: &mut Vec<Event>) -> Result<(), sqlx::Error> {
+    /// Does everything of a batch; gives what the exchanges are told.
+    async fn commit(
+        &mut self,
+        batch: &mut Batch,
+        events: &mut Vec<Event>,
+    ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
         let now = self.clock.now_ms();
         let mut transaction = self.connection.begin_with("begin immediate").await?;
-        for call in batch {
-            let mut savepoint = transaction.begin().await?;
-            let told = events.len();
-            let mut work = Work { db: &mut savepoint, now, config: &self.config, events };
-            if call.apply(&mut work).await {
-                savepoint.commit().await?;
-            } else {
-                events.truncate(told);
-                savepoint.rollback().await?;
+        let mut scope = Scope { now, config: &self.config, specs: &mut self.specs, events };
+        let told = scope.exchange(&mut transaction, &batch.exchanges).await?;
+        for call in &mut batch.calls {
+            scope.apply(&mut transaction, call).await?;
+        }
+        transaction.commit().await?;
+        Ok(told)
+    }
+}
+
+/// What a batch's savepoints share.
+struct Scope<'s> {
+    now: i64,
+    config: &'s Config,
+    specs: &'s mut Specs,
+    events: &'s mut Vec<Event>,
+}
+
+impl Scope<'_> {
+    async fn apply(&mut self, db: &mut SqliteConnection, call: &mut Box<dyn Queued>) -> Result<(), sqlx::Error> {
+        let mut savepoint = Connection::begin(db).await?;
+        let told = self.events.len();
+        let mut work = self.work(&mut savepoint);
+        if call.apply(&mut work).await {
+            savepoint.commit().await
+        } else {
+            self.forget(told);
+            savepoint.rollback().await
+        }
+    }
+
+    /// All exchanges together; should that fail, one by one, so that only the culprit does.
+    async fn exchange(
+        &mut self,
+        db: &mut SqliteConnection,
+        exchanges: &[Exchange],
+    ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
+        if exchanges.is_empty() {
+            return Ok(Vec::new());
+        }
+        let error = match self.exchange_together(db, exchanges).await? {
+            Ok(told) => return Ok(told),
+            Err(error) if exchanges.len() == 1 => return Ok(vec![Err(error)]),
+            Err(error) => error,
+        };
+        tracing::warn!(error.cause = %crate::error::chain(&error), exchanges.count = exchanges.len(), "Exchanges could not be taken together and are taken one by one");
+        let mut all = Vec::with_capacity(exchanges.len());
+        for exchange in exchanges {
+            match self.exchange_together(db, std::slice::from_ref(exchange)).await? {
+                Ok(told) => all.extend(told),
+                Err(error) => all.push(Err(error)),
             }
         }
-        transaction.commit().await
+        Ok(all)
+    }
+
+    async fn exchange_together(
+        &mut self,
+        db: &mut SqliteConnection,
+        exchanges: &[Exchange],
+    ) -> Result<Result<Vec<Result<Exchanged, StoreError>>, StoreError>, sqlx::Error> {
+        let mut savepoint = Connection::begin(db).await?;
+        let before = self.events.len();
+        let mut work = self.work(&mut savepoint);
+        let told = AssertUnwindSafe(exchange_all(&mut work, exchanges)).catch_unwind().await;
+        let told = told.unwrap_or(Err(StoreError::Panicked));
+        if told.is_ok() {
+            savepoint.commit().await?;
+        } else {
+            self.forget(before);
+            savepoint.rollback().await?;
+        }
+        Ok(told)
+    }
+
+    fn work<'w>(&'w mut self, db: &'w mut SqliteConnection) -> Work<'w> {
+        Work { db, now: self.now, config: self.config, events: &mut *self.events, specs: &mut *self.specs }
+    }
+
+    /// Takes back what a failed operation has told and read.
+    fn forget(&mut self, told: usize) {
+        self.events.truncate(told);
+        self.specs.clear();
     }
 }
