@@ -343,6 +343,7 @@ pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
     let bounds = study_bounds(spec, &mut faults);
     let samples = spec.sampling.samples;
     faults.within("/sampling/samples", samples.into(), MIN_SAMPLES.into(), MAX_SAMPLES.into());
+    faults.within("/audit", spec.audit, 0.0, 1.0);
     faults.within("/sampling/faces", spec.sampling.faces, 0.0, 1.0);
     faults.within("/sampling/clearance_margin_mm", spec.sampling.clearance_margin_mm, -1000.0, 1000.0);
     let surrogate = surrogate_at(&spec.surrogate, samples, spec.seed, &mut faults);

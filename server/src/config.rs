@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use manduca_protocol::task::JobKind;
+
 /// How the coordinator behaves. The default suits one coordinator with any
 /// number of workers in one network.
 #[derive(Debug, Clone)]
@@ -19,6 +21,14 @@ pub struct Config {
     pub backoff: Duration,
     /// Longest wait after a failure.
     pub max_backoff: Duration,
+    /// Failures of a worker in a row after which it is given no jobs for a while.
+    pub strikes: u32,
+    /// How long that is.
+    pub quarantine: Duration,
+    /// How long an attempt may compute, renewed or not, by kind of job.
+    pub run_limits: RunLimits,
+    /// What an attempt beyond its limit is given to say so itself, before the coordinator does.
+    pub run_grace: Duration,
     /// How often expired leases and waits are looked for.
     pub sweep: Duration,
     /// How long open requests may take to finish at shutdown.
@@ -47,6 +57,10 @@ impl Config {
             max_attempts: 3,
             backoff: Duration::from_secs(1),
             max_backoff: Duration::from_secs(60),
+            strikes: 5,
+            quarantine: Duration::from_secs(300),
+            run_limits: RunLimits::default(),
+            run_grace: Duration::from_secs(30),
             sweep: Duration::from_millis(500),
             shutdown: Duration::from_secs(10),
             body_wait: Duration::from_secs(30),
@@ -67,6 +81,36 @@ impl Config {
     /// How long a lease lasts, ms.
     pub(crate) fn lease_ms(&self) -> i64 {
         millis(self.lease)
+    }
+}
+
+/// How long an attempt may compute before it is taken for an endless one. Apart from the
+/// lease, which a worker caught in an endless loop goes on renewing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunLimits {
+    /// A simulation.
+    pub simulate: Duration,
+    /// A training.
+    pub train: Duration,
+    /// An optimisation, or a round of a search.
+    pub optimise: Duration,
+}
+
+impl Default for RunLimits {
+    fn default() -> Self {
+        let hours = |n: u64| Duration::from_secs(n * 3600);
+        Self { simulate: Duration::from_secs(600), train: hours(4), optimise: hours(2) }
+    }
+}
+
+impl RunLimits {
+    /// That of one kind.
+    pub fn of(&self, kind: JobKind) -> Duration {
+        match kind {
+            JobKind::Simulate => self.simulate,
+            JobKind::Train => self.train,
+            JobKind::Optimise | JobKind::Search => self.optimise,
+        }
     }
 }
 

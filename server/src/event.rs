@@ -66,6 +66,21 @@ pub(crate) enum Event {
         worker: WorkerId,
         jobs: u64,
     },
+    Quarantined {
+        worker: WorkerId,
+        name: String,
+        strikes: i64,
+        seconds: f64,
+    },
+    Draining {
+        worker: WorkerId,
+    },
+    Audited {
+        study: StudyId,
+        job: JobId,
+        worker: WorkerId,
+        agrees: bool,
+    },
     Recovered {
         leases: u64,
     },
@@ -112,6 +127,18 @@ impl Event {
             }
             Self::Left { worker, jobs } => {
                 tracing::info!(worker.id = %worker, jobs.count = jobs, "Worker left; its jobs are ready again");
+            }
+            Self::Quarantined { worker, name, strikes, seconds } => {
+                tracing::warn!(worker.id = %worker, worker.name = name, worker.strikes = strikes, worker.quarantine_s = seconds, "Worker set aside: too many attempts failed in a row");
+            }
+            Self::Draining { worker } => {
+                tracing::info!(worker.id = %worker, "Worker asked to finish what it has and leave");
+            }
+            Self::Audited { study, job, worker, agrees: true } => {
+                tracing::info!(study.id = %study, job.id = %job, worker.id = %worker, "Audit agrees");
+            }
+            Self::Audited { study, job, worker, agrees: false } => {
+                tracing::warn!(study.id = %study, job.id = %job, worker.id = %worker, "Audit differs or could not be compared; see the evidence");
             }
             Self::Recovered { leases } => {
                 tracing::info!(leases.count = leases, "Store opened; live leases have a new term");

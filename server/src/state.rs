@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use manduca_protocol::view::JobRole;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
@@ -59,7 +60,7 @@ fn observe(events: &[Event], rates: &Rates, ready: &Notify, now_ms: i64) {
     for event in events {
         event.log();
         match event {
-            Event::Completed { study, .. } => rates.completed(*study, now_ms),
+            Event::Completed { study, role, .. } if *role != JobRole::Audit => rates.completed(*study, now_ms),
             Event::Moved { study, .. } => rates.forget(*study),
             Event::Ready => ready.notify_waiters(),
             _ => {}

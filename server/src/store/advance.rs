@@ -64,29 +64,34 @@ pub(super) async fn advance_ended(work: &mut Work<'_>, studies: &BTreeSet<i64>) 
     if studies.is_empty() {
         return Ok(());
     }
-    for study in list_ended(work.db, studies).await? {
+    let mut open = BTreeSet::new();
+    for (study, stage, role) in list_open(work.db, studies).await? {
+        if named::<Stage>(&stage)?.roles().contains(&named(&role)?) {
+            open.insert(study);
+        }
+    }
+    for &study in studies.difference(&open) {
         advance(work, study).await?;
     }
     Ok(())
 }
 
-/// The roles are those of [`Stage::roles`].
-async fn list_ended(db: &mut SqliteConnection, studies: &BTreeSet<i64>) -> Result<Vec<i64>, StoreError> {
+/// For each of these studies which moves, its stage and the roles of which it has open jobs.
+async fn list_open(
+    db: &mut SqliteConnection,
+    studies: &BTreeSet<i64>,
+) -> Result<Vec<(i64, String, String)>, StoreError> {
     let studies = serde_json::to_string(studies).map_err(|e| StoreError::Corrupt(e.to_string()))?;
-    let ended = sqlx::query_scalar(
-        "select s.study from json_each(?) as d cross join studies as s on s.study = d.value
-         where s.condition = 'running' and not exists (
-             select 1 from study_counts as c
-             where c.study = s.study and c.state in ('ready', 'delayed', 'leased') and c.n > 0
-               and (c.role = case s.stage when 'sampling' then 'sample' when 'training' then 'train'
-                                          when 'optimising' then 'optimise' when 'verifying' then 'verify'
-                                          else 'probe' end
-                    or s.stage = 'refining' and c.role = 'search'))",
+    let open = sqlx::query_as(
+        "select s.study, s.stage, c.role
+         from json_each(?) as d cross join studies as s on s.study = d.value
+         cross join study_counts as c on c.study = s.study
+         where c.state in ('ready', 'delayed', 'leased') and c.n > 0",
     )
     .bind(studies)
     .fetch_all(db)
     .await?;
-    Ok(ended)
+    Ok(open)
 }
 
 /// Moves a study as far as its finished jobs allow.

@@ -1,5 +1,7 @@
 //! Ready jobs are leased.
 
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
@@ -7,7 +9,7 @@ use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
 
-use super::names::{named, unsigned};
+use super::names::{named, role_name, unsigned};
 use super::{StoreError, Work};
 use crate::http::cursor::hex;
 
@@ -27,47 +29,95 @@ pub(crate) struct Leased {
 
 /// Leases ready jobs to these workers in turn, one each, as far as there are
 /// any: first what brings a study nearer to its end (one training frees a whole
-/// study, one sample does not), then samples of the oldest study.
-pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Leased>, StoreError> {
-    let mut leased = Vec::new();
+/// study, one sample does not), then samples of the oldest study, last audits,
+/// each to another worker than its sample.
+pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
+    let mut given = Vec::new();
     if workers.is_empty() {
-        return Ok(leased);
+        return Ok(given);
     }
     for (study, role) in list_claimable(work.db, workers.len()).await? {
-        let left = workers.len() - leased.len();
-        if left == 0 {
+        let left = &workers[given.len()..];
+        if left.is_empty() {
             break;
         }
-        let rows = list_ready(work.db, study, &role, left).await?;
-        if rows.is_empty() {
-            continue;
-        }
-        let (id, spec) = work.specs.of(work.db, study).await?;
         let role = named::<JobRole>(&role)?;
-        for (job, attempt, ordinal, parameters) in rows {
-            leased.push(Leased {
-                job: JobId(job),
-                attempt: unsigned(attempt + 1)?,
-                study: id,
-                role,
-                ordinal: unsigned(ordinal)?,
-                parameters,
-                spec: spec.clone(),
+        let rows = match role {
+            JobRole::Audit => list_audits(work.db, study, left).await?,
+            _ => list_ready(work.db, study, role, left.len()).await?.into_iter().map(Some).collect(),
+        };
+        for row in rows {
+            given.push(match row {
+                Some(row) => Some(leased(work, study, role, row).await?),
+                None => None,
             });
         }
+        if role == JobRole::Audit {
+            break;
+        }
     }
-    let holders: Vec<_> = leased.iter().zip(workers).map(|(l, w)| (l.job.0, hex(w.0.as_bytes()))).collect();
+    let holders: Vec<_> =
+        given.iter().zip(workers).filter_map(|(l, w)| Some((l.as_ref()?.job.0, hex(w.0.as_bytes())))).collect();
     if !holders.is_empty() {
         lease_jobs(work, &holders).await?;
     }
-    Ok(leased)
+    Ok(given)
+}
+
+async fn leased(work: &mut Work<'_>, study: i64, role: JobRole, row: ReadyRow) -> Result<Leased, StoreError> {
+    let (study, spec) = work.specs.of(work.db, study).await?;
+    let (job, attempt, ordinal, parameters) = row;
+    let (attempt, ordinal) = (unsigned(attempt + 1)?, unsigned(ordinal)?);
+    Ok(Leased { job: JobId(job), attempt, study, role, ordinal, parameters, spec })
+}
+
+/// An audit for each of these workers, none where it would audit itself.
+async fn list_audits(
+    db: &mut SqliteConnection,
+    study: i64,
+    workers: &[WorkerId],
+) -> Result<Vec<Option<ReadyRow>>, StoreError> {
+    let (mut taken, mut found) = (HashSet::new(), Vec::with_capacity(workers.len()));
+    let mut offers: HashMap<WorkerId, Vec<ReadyRow>> = HashMap::new();
+    for &worker in workers {
+        let offered = match offers.entry(worker) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => entry.insert(list_audits_for(db, study, worker, workers.len()).await?),
+        };
+        let audit = offered.iter().position(|row| !taken.contains(&row.0)).map(|i| offered.swap_remove(i));
+        taken.extend(audit.as_ref().map(|row| row.0));
+        found.push(audit);
+    }
+    Ok(found)
+}
+
+async fn list_audits_for(
+    db: &mut SqliteConnection,
+    study: i64,
+    worker: WorkerId,
+    limit: usize,
+) -> Result<Vec<ReadyRow>, StoreError> {
+    let rows = sqlx::query_as(
+        "select a.job, a.attempt, a.ordinal, a.parameters
+         from jobs as a join jobs as s on s.study = a.study and s.role = 'sample' and s.ordinal = a.ordinal
+         join results as r on r.job = s.job
+         where a.state = 'ready' and a.study = ? and a.role = 'audit' and r.worker <> ?
+         order by a.ordinal limit ?",
+    )
+    .bind(study)
+    .bind(worker.0.as_bytes().as_slice())
+    .bind(limit as i64)
+    .fetch_all(db)
+    .await?;
+    Ok(rows)
 }
 
 async fn list_claimable(db: &mut SqliteConnection, limit: usize) -> Result<Vec<(i64, String)>, StoreError> {
     let rows = sqlx::query_as(
         "select c.study, c.role from study_counts as c join studies as s on s.study = c.study
-         where c.state = 'ready' and c.n > 0 and s.condition = 'running'
-         order by c.role = 'sample', c.study limit ?",
+         where c.state = 'ready' and c.n > 0
+           and (s.condition = 'running' or c.role = 'audit' and s.condition = 'succeeded')
+         order by c.role = 'audit', c.role = 'sample', c.study limit ?",
     )
     .bind(limit as i64)
     .fetch_all(db)
@@ -81,7 +131,7 @@ type ReadyRow = (i64, i64, i64, Option<String>);
 async fn list_ready(
     db: &mut SqliteConnection,
     study: i64,
-    role: &str,
+    role: JobRole,
     limit: usize,
 ) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
@@ -89,7 +139,7 @@ async fn list_ready(
          where state = 'ready' and study = ? and role = ? order by ordinal limit ?",
     )
     .bind(study)
-    .bind(role)
+    .bind(role_name(role))
     .bind(limit as i64)
     .fetch_all(db)
     .await?;
@@ -100,11 +150,12 @@ async fn lease_jobs(work: &mut Work<'_>, holders: &[(i64, String)]) -> Result<()
     let holders = serde_json::to_string(holders).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     sqlx::query(
         "update jobs set state = 'leased', attempt = attempt + 1, worker = unhex(d.value ->> 1), lease_until_ms = ?1,
-                         progress = null
+                         leased_ms = ?3, progress = null
          from json_each(?2) as d where jobs.job = d.value ->> 0",
     )
     .bind(work.now + work.config.lease_ms())
     .bind(holders)
+    .bind(work.now)
     .execute(&mut *work.db)
     .await?;
     Ok(())

@@ -3,6 +3,7 @@
 //! kind of change, not one per job, because handing a statement to SQLite's
 //! thread costs more than most statements do.
 
+mod audit;
 mod claims;
 mod renewals;
 mod results;
@@ -43,18 +44,25 @@ pub(crate) struct Exchanged {
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) leased: Vec<Leased>,
     pub(crate) cancel: Vec<JobId>,
+    pub(crate) drain: bool,
 }
 
 impl Exchanged {
     /// Whether there is nothing to tell.
     pub(crate) fn is_silent(&self) -> bool {
-        self.accepted.is_empty() && self.rejected.is_empty() && self.leased.is_empty() && self.cancel.is_empty()
+        self.accepted.is_empty()
+            && self.rejected.is_empty()
+            && self.leased.is_empty()
+            && self.cancel.is_empty()
+            && !self.drain
     }
 }
 
 /// One of several exchanges with what it will be told.
 pub(super) struct Party<'e> {
     pub(super) exchange: &'e Exchange,
+    /// Jobs it may be given.
+    pub(super) want: usize,
     pub(super) told: Exchanged,
 }
 
@@ -76,8 +84,11 @@ pub(super) async fn exchange_all(
     let known = touch(work, exchanges.iter().map(|e| e.worker)).await?;
     let mut parties: Vec<_> = exchanges
         .iter()
-        .filter(|e| known.contains(&e.worker))
-        .map(|exchange| Party { exchange, told: Exchanged::default() })
+        .filter_map(|exchange| {
+            let standing = known.get(&exchange.worker)?;
+            let want = if standing.may_work() { exchange.want as usize } else { 0 };
+            Some(Party { exchange, want, told: Exchanged { drain: standing.draining, ..Exchanged::default() } })
+        })
         .collect();
     let mut effects = Effects::default();
     results::take(work, &mut parties, &mut effects).await?;
@@ -88,9 +99,10 @@ pub(super) async fn exchange_all(
     add_to_tallies(work, &effects.tallies).await?;
     // Once per study, not per job: all results are in by now.
     advance_ended(work, &effects.moved).await?;
+    // One quarantined just now may still be given jobs: it is only a suspicion, and they are fenced.
     claims::give(work, &mut parties).await?;
     let mut told = parties.into_iter().map(|party| party.told);
-    let mut answer = |e: &Exchange| if known.contains(&e.worker) { told.next() } else { None };
+    let mut answer = |e: &Exchange| if known.contains_key(&e.worker) { told.next() } else { None };
     Ok(exchanges.iter().map(|e| answer(e).ok_or(StoreError::UnknownWorker(e.worker))).collect())
 }
 

@@ -52,7 +52,7 @@ pub(crate) use recover::Recover;
 pub(crate) use search::{STROKES, optimisation_of_probe, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
-pub(crate) use workers::{Deregister, Register};
+pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
 
 static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
@@ -115,7 +115,10 @@ impl Store {
             // Decisions are logged by what they mean, not as statements.
             .disable_statement_logging();
         migrate(&options).await?;
-        let connection = options.connect().await?;
+        // Room for the inner pages of the indexes of some million jobs, 64 MiB; copied back to the file
+        // in portions of 16 MiB, so that a page changed often is copied once.
+        let writing = options.clone().pragma("cache_size", "-65536").pragma("wal_autocheckpoint", "4000");
+        let connection = writing.connect().await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(config.readers)
             .connect_with(options.pragma("query_only", "on"))

@@ -98,13 +98,14 @@ pub(crate) fn role_name(role: JobRole) -> &'static str {
         JobRole::Verify => "verify",
         JobRole::Search => "search",
         JobRole::Probe => "probe",
+        JobRole::Audit => "audit",
     }
 }
 
 /// The computation a role asks for.
 pub(crate) fn kind_of(role: JobRole) -> JobKind {
     match role {
-        JobRole::Sample | JobRole::Verify | JobRole::Probe => JobKind::Simulate,
+        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Audit => JobKind::Simulate,
         JobRole::Train => JobKind::Train,
         JobRole::Optimise => JobKind::Optimise,
         JobRole::Search => JobKind::Search,

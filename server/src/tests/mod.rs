@@ -13,4 +13,5 @@ mod restart;
 mod share;
 mod stages;
 mod steer;
+mod trust;
 mod writer;

@@ -3,12 +3,12 @@
 use std::collections::{HashMap, HashSet};
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
-use manduca_protocol::view::JobState;
+use manduca_protocol::view::{JobRole, JobState};
 use manduca_protocol::worker::Rejected;
 use sqlx::sqlite::{Sqlite, SqliteConnection};
 use sqlx::{QueryBuilder, Row};
 
-use super::{Effects, Party};
+use super::{Effects, Party, audit};
 use crate::event::Event;
 use crate::store::complete::{JobRow, Prepared, Taken, complete, find_jobs, verdict};
 use crate::store::names::{state_name, uuid};
@@ -18,12 +18,14 @@ use crate::store::{StoreError, Work};
 const CHUNKS: [usize; 4] = [64, 16, 4, 1];
 
 /// A result to be stored.
-struct Finish<'r> {
-    worker: WorkerId,
-    result: &'r Prepared,
+pub(super) struct Finish<'r> {
+    pub(super) worker: WorkerId,
+    pub(super) result: &'r Prepared,
     state: JobState,
     reason: Option<&'r str>,
-    key: Option<Vec<u8>>,
+    pub(super) study: i64,
+    pub(super) role: JobRole,
+    pub(super) key: Option<Vec<u8>>,
 }
 
 /// Takes the results of all parties, in their order.
@@ -55,7 +57,8 @@ pub(super) async fn take(
                     outcome: state_name(state),
                     wall_s: result.provenance.wall_s,
                 });
-                pending.push(Finish { worker, result, state, reason, key: job.key.take() });
+                let (study, role) = (job.study, job.role);
+                pending.push(Finish { worker, result, state, reason, study, role, key: job.key.take() });
                 continue;
             }
             // It is judged by what is stored, so that must be up to date.
@@ -95,6 +98,9 @@ async fn store(
     }
     let ended: Vec<_> = pending.iter().map(|f| (f.result.job.0, state_name(f.state), f.reason)).collect();
     finish_jobs(work.db, &json(&ended)?).await?;
+    for finished in &pending {
+        audit::follow(work, finished).await?;
+    }
     let mut seen = HashSet::new();
     let keyed: Vec<_> = pending
         .iter()
