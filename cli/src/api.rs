@@ -26,9 +26,14 @@ pub struct Api {
 }
 
 impl Api {
-    /// The coordinator at an address.
+    /// The coordinator at an address, without a token.
     pub fn new(url: &str) -> Result<Self> {
-        Ok(Self { http: Http::new(url).map_err(refused)? })
+        Ok(Self::of(Http::new(url).map_err(refused)?))
+    }
+
+    /// The coordinator a client is of.
+    pub fn of(http: Http) -> Self {
+        Self { http }
     }
 
     /// Submits a study; submissions with one key are one study.

@@ -5,6 +5,7 @@ mod model;
 mod optimise;
 mod record;
 mod solver;
+mod token;
 
 pub use bench::{
     BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
@@ -13,6 +14,7 @@ pub use model::{Model, ModelArgs};
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
 pub use solver::SolverOptions;
+pub use token::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
 
 use std::path::PathBuf;
 
@@ -57,6 +59,9 @@ pub enum Command {
     Serve(ServeArgs),
     /// Compute jobs for a coordinator.
     Worker(WorkerArgs),
+    /// Make, list and revoke the tokens a coordinator asks for.
+    #[command(subcommand)]
+    Token(TokenCommand),
     /// Submit, watch and steer studies of a coordinator.
     #[command(subcommand)]
     Study(StudyCommand),
@@ -115,12 +120,16 @@ pub struct RunArgs {
 /// `manduca serve`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Whoever reaches the port may submit studies and take jobs: there are no tokens yet. An
-address other than loopback therefore needs --insecure, and a network you trust.
+On loopback whoever has an account here may submit studies and take jobs. At any other address
+a token is asked for: one made by `manduca token create`, or the one given here, which allows
+everything. Put a proxy in front for TLS (docs/operations.md).
 
 Examples:
   manduca serve
-  manduca serve --listen 0.0.0.0:8080 --insecure --data /var/lib/manduca")]
+  manduca token create cluster --scope worker > worker-token
+  manduca serve --listen 0.0.0.0:8080 --data /var/lib/manduca
+  MANDUCA_TOKEN=... manduca serve --listen 0.0.0.0:8080
+  manduca serve --listen 10.0.0.5:8080 --insecure       no tokens: a network you trust")]
 pub struct ServeArgs {
     /// Address to listen on.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "MANDUCA_LISTEN")]
@@ -128,9 +137,19 @@ pub struct ServeArgs {
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
     pub data: PathBuf,
-    /// Listen on an address others can reach, without any authentication.
+    /// File with a token which allows everything, beside those of the database. The variable
+    /// MANDUCA_TOKEN may hold the token itself.
+    #[arg(long, value_name = "FILE", env = "MANDUCA_TOKEN_FILE")]
+    pub token_file: Option<PathBuf>,
+    /// Ask for tokens on loopback too, such as behind a proxy.
+    #[arg(long, conflicts_with = "insecure")]
+    pub require_tokens: bool,
+    /// Listen on an address others can reach, without asking for tokens.
     #[arg(long)]
     pub insecure: bool,
+    /// Longest time one simulation may compute, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = seconds)]
+    pub run_limit: f64,
 }
 
 /// `manduca worker`.
@@ -152,6 +171,12 @@ pub struct WorkerArgs {
     pub name: Option<String>,
 }
 
+/// A number of seconds, at least a tenth.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.1..=1e9).contains(&seconds) { Ok(seconds) } else { Err("is outside 0.1 to 1e9".into()) }
+}
+
 /// Where the coordinator is.
 #[derive(Debug, Clone, Args)]
 pub struct Coordinator {
@@ -163,6 +188,10 @@ pub struct Coordinator {
         env = "MANDUCA_COORDINATOR"
     )]
     pub url: String,
+    /// File with the token the coordinator asks for. The variable MANDUCA_TOKEN may hold the
+    /// token itself; the command line never does, for others can read it.
+    #[arg(long, value_name = "FILE", env = "MANDUCA_TOKEN_FILE")]
+    pub token_file: Option<PathBuf>,
 }
 
 /// `manduca study ...`.

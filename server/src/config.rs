@@ -5,12 +5,16 @@ use std::time::Duration;
 
 use manduca_protocol::task::JobKind;
 
+use crate::auth::Access;
+
 /// How the coordinator behaves. The default suits one coordinator with any
 /// number of workers in one network.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// The SQLite file; it is created when missing, its folder too.
     pub database: PathBuf,
+    /// Whether tokens are asked for.
+    pub access: Access,
     /// How long a lease lasts without renewal.
     pub lease: Duration,
     /// How often workers are asked to renew.
@@ -33,6 +37,14 @@ pub struct Config {
     pub sweep: Duration,
     /// How long open requests may take to finish at shutdown.
     pub shutdown: Duration,
+    /// How long a request's headers may take to arrive, and how long a connection may be idle.
+    pub header_wait: Duration,
+    /// How long a client may leave an answer unread.
+    pub write_wait: Duration,
+    /// Largest head of a request, bytes; at least 8192.
+    pub header_limit: usize,
+    /// Connections open at the same time; others wait to be accepted.
+    pub connections: usize,
     /// How long a request's body may take to arrive.
     pub body_wait: Duration,
     /// Largest body of a study, bytes.
@@ -52,6 +64,7 @@ impl Config {
     pub fn new(database: impl Into<PathBuf>) -> Self {
         Self {
             database: database.into(),
+            access: Access::Open,
             lease: Duration::from_secs(15),
             renew: Duration::from_secs(5),
             max_attempts: 3,
@@ -63,6 +76,10 @@ impl Config {
             run_grace: Duration::from_secs(30),
             sweep: Duration::from_millis(500),
             shutdown: Duration::from_secs(10),
+            header_wait: Duration::from_secs(30),
+            write_wait: Duration::from_secs(60),
+            header_limit: 16 << 10,
+            connections: 10_000,
             body_wait: Duration::from_secs(30),
             study_limit: 10 << 20,
             exchange_limit: 64 << 20,

@@ -6,6 +6,7 @@ use manduca_protocol::view::JobRole;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
+use crate::auth::Tokens;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
@@ -26,6 +27,7 @@ struct Inner {
     rates: Arc<Rates>,
     ready: Arc<Notify>,
     stopping: CancellationToken,
+    tokens: Tokens,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -52,7 +54,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     store.run(Recover).await?;
     let stopping = CancellationToken::new();
     tokio::spawn(sweep(store.clone(), config.clone(), stopping.clone()));
-    Ok(AppState { inner: Arc::new(Inner { config, clock, store, rates, ready, stopping }) })
+    Ok(AppState { inner: Arc::new(Inner { config, clock, store, rates, ready, stopping, tokens: Tokens::default() }) })
 }
 
 /// What follows a commit outside the store.
@@ -102,6 +104,11 @@ impl AppState {
 
     pub(crate) fn rates(&self) -> &Rates {
         &self.inner.rates
+    }
+
+    /// The tokens of the database.
+    pub(crate) fn tokens(&self) -> &Tokens {
+        &self.inner.tokens
     }
 
     /// Told whenever jobs become ready.

@@ -13,6 +13,7 @@ mod run;
 mod serve;
 mod simulate;
 mod study;
+mod token;
 mod worker;
 
 use std::process::ExitCode;
@@ -28,6 +29,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Serve(args) => serve::serve(args).await,
         Command::Healthcheck(args) => serve::healthcheck(args).await,
         Command::Worker(args) => worker::worker(args).await,
+        Command::Token(command) => token::token(command).await,
         Command::Study(command) => study::dispatch(command).await,
         Command::Optimum(args) => study::optimum(args).await,
         Command::Optimise(args) => optimise::optimise(args).await,

@@ -21,7 +21,8 @@ pub fn settings(coordinator: String, slots: Option<usize>, name: Option<String>)
 
 /// Works until told to leave.
 pub async fn worker(args: WorkerArgs) -> Result<ExitCode> {
-    let settings = settings(args.coordinator.url, args.slots, args.name)?;
+    let mut settings = settings(args.coordinator.url.clone(), args.slots, args.name)?;
+    settings.token = args.coordinator.token()?;
     let summary = manduca_worker::run(settings, signals::shutdown()).await?;
     note(format_args!(
         "{} jobs done, {} attempts failed, {} results refused",

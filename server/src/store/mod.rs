@@ -23,15 +23,19 @@ mod search;
 mod specs;
 mod submit;
 mod sweep;
+mod tokens;
 mod workers;
 mod writer;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use sqlx::migrate::{MigrateError, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
 use sqlx::{ConnectOptions, Connection};
 
 use crate::clock::Clock;
@@ -52,6 +56,7 @@ pub(crate) use recover::Recover;
 pub(crate) use search::{STROKES, optimisation_of_probe, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
+pub(crate) use tokens::{TokenRow, insert_token, list_tokens, revoke_token};
 pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
 
@@ -102,18 +107,8 @@ impl Store {
         clock: Arc<dyn Clock>,
         observer: Observer,
     ) -> Result<Self, OpenError> {
-        if let Some(folder) = config.database.parent().filter(|f| !f.as_os_str().is_empty()) {
-            tokio::fs::create_dir_all(folder).await?;
-        }
-        let options = SqliteConnectOptions::new()
-            .filename(&config.database)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(BUSY)
-            // Decisions are logged by what they mean, not as statements.
-            .disable_statement_logging();
+        make_folder(&config.database).await?;
+        let options = options(&config.database);
         migrate(&options).await?;
         // Room for the inner pages of the indexes of some million jobs, 64 MiB; copied back to the file
         // in portions of 16 MiB, so that a page changed often is copied once.
@@ -151,6 +146,52 @@ impl Store {
     pub(crate) async fn close(&self) {
         self.writer.close().await;
         self.readers.close().await;
+    }
+}
+
+async fn make_folder(database: &Path) -> Result<(), OpenError> {
+    if let Some(folder) = database.parent().filter(|f| !f.as_os_str().is_empty()) {
+        tokio::fs::create_dir_all(folder).await?;
+    }
+    Ok(())
+}
+
+/// How a database is opened, by whomever.
+fn options(database: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(database)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .busy_timeout(BUSY)
+        // Decisions are logged by what they mean, not as statements.
+        .disable_statement_logging()
+}
+
+/// A database opened beside the coordinator, for short work.
+pub(crate) struct File {
+    connection: SqliteConnection,
+}
+
+impl File {
+    /// Opens a database and brings its tables up to date.
+    pub(crate) async fn open(database: &Path) -> Result<Self, OpenError> {
+        make_folder(database).await?;
+        let options = options(database);
+        migrate(&options).await?;
+        Ok(Self { connection: options.connect().await? })
+    }
+
+    /// The connection.
+    pub(crate) fn db(&mut self) -> &mut SqliteConnection {
+        &mut self.connection
+    }
+
+    /// Closes the file.
+    pub(crate) async fn close(self) {
+        // Nothing is under way: at worst its log is folded in at the next start.
+        let _ = self.connection.close().await;
     }
 }
 

@@ -1,6 +1,7 @@
 //! The coordinator as its users and workers meet it, on a clock moved by hand,
 //! with workers whose results are made up.
 
+mod access;
 mod add;
 mod answers;
 mod bench;
@@ -14,4 +15,5 @@ mod share;
 mod stages;
 mod steer;
 mod trust;
+mod wire;
 mod writer;

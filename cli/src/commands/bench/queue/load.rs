@@ -120,7 +120,7 @@ fn study(samples: u64, seed: u64) -> Value {
 pub async fn fill(url: &str, jobs: u64, seed: &mut u64) -> Result<f64> {
     let (http, start, mut left) = (client(url)?, Instant::now(), jobs);
     while left > 0 {
-        let samples = left.min(LARGEST_STUDY).max(20);
+        let samples = left.clamp(20, LARGEST_STUDY);
         *seed += 1;
         let request = http.post("/v1/studies").timeout(http::CALL * 20).json(&study(samples, *seed));
         http::send(request).await?;
