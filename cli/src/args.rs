@@ -2,6 +2,7 @@
 
 mod bench;
 mod model;
+mod operate;
 mod optimise;
 mod record;
 mod solver;
@@ -11,6 +12,9 @@ pub use bench::{
     BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
 };
 pub use model::{Model, ModelArgs};
+pub use operate::{
+    BackupArgs, CheckArgs, DbCommand, DoctorArgs, DrainArgs, ExplainArgs, PruneArgs, WorkerListArgs, WorkersCommand,
+};
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
 pub use solver::SolverOptions;
@@ -42,12 +46,24 @@ pub struct Cli {
     /// Say more on standard error (-v, -vv, -vvv).
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub verbose: u8,
+    /// How log lines are written.
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, env = "MANDUCA_LOG_FORMAT")]
+    pub log_format: LogFormat,
     /// Say nothing on standard error but errors.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object per line.
+    Json,
 }
 
 /// What to do.
@@ -62,6 +78,16 @@ pub enum Command {
     /// Make, list and revoke the tokens a coordinator asks for.
     #[command(subcommand)]
     Token(TokenCommand),
+    /// Copy, check and prune a coordinator's database.
+    #[command(subcommand)]
+    Db(DbCommand),
+    /// List and drain the workers of a coordinator.
+    #[command(subcommand)]
+    Workers(WorkersCommand),
+    /// Say why a job is where it is.
+    Explain(ExplainArgs),
+    /// Look for what could keep this machine from working.
+    Doctor(DoctorArgs),
     /// Submit, watch and steer studies of a coordinator.
     #[command(subcommand)]
     Study(StudyCommand),
@@ -147,6 +173,9 @@ pub struct ServeArgs {
     /// Listen on an address others can reach, without asking for tokens.
     #[arg(long)]
     pub insecure: bool,
+    /// Remove studies this many days after their end [default: never].
+    #[arg(long, value_name = "N", value_parser = days, env = "MANDUCA_KEEP_DAYS")]
+    pub keep_days: Option<f64>,
     /// Longest time one simulation may compute, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = seconds)]
     pub run_limit: f64,
@@ -158,8 +187,9 @@ pub struct ServeArgs {
 A worker may come and go at any time. On Ctrl-C or SIGTERM it finishes its jobs, delivers
 them and leaves; a second signal makes it leave at once and its jobs are computed elsewhere.
 
-Example:
-  manduca worker --coordinator http://10.0.0.5:8080 --slots 16")]
+Examples:
+  manduca worker --coordinator http://10.0.0.5:8080 --token-file worker-token --slots 16
+  manduca worker --idle-exit 300 --max-runtime 14000     in a batch job of four hours")]
 pub struct WorkerArgs {
     #[command(flatten)]
     pub coordinator: Coordinator,
@@ -169,6 +199,18 @@ pub struct WorkerArgs {
     /// Name for people [default: the host's].
     #[arg(long)]
     pub name: Option<String>,
+    /// Leave after so many seconds without a job.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_IDLE_EXIT")]
+    pub idle_exit: Option<f64>,
+    /// After so many seconds finish what runs and leave, such as before a batch system's limit.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_MAX_RUNTIME")]
+    pub max_runtime: Option<f64>,
+}
+
+/// A number of days.
+fn days(text: &str) -> Result<f64, String> {
+    let days: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.0..=36_525.0).contains(&days) { Ok(days) } else { Err("is outside 0 to 36525".into()) }
 }
 
 /// A number of seconds, at least a tenth.

@@ -33,6 +33,8 @@ pub struct Config {
     pub run_limits: RunLimits,
     /// What an attempt beyond its limit is given to say so itself, before the coordinator does.
     pub run_grace: Duration,
+    /// How long studies are kept after their end; for ever where none.
+    pub keep: Option<Duration>,
     /// How often expired leases and waits are looked for.
     pub sweep: Duration,
     /// How long open requests may take to finish at shutdown.
@@ -74,6 +76,7 @@ impl Config {
             quarantine: Duration::from_secs(300),
             run_limits: RunLimits::default(),
             run_grace: Duration::from_secs(30),
+            keep: None,
             sweep: Duration::from_millis(500),
             shutdown: Duration::from_secs(10),
             header_wait: Duration::from_secs(30),

@@ -5,6 +5,7 @@ use axum::Json;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 use crate::auth::Scope;
 use crate::store::StoreError;
@@ -82,12 +83,13 @@ pub enum ApiError {
     #[error("{0}")]
     WrongState(String),
     /// The worker speaks another version of the exchange.
-    #[error("the worker speaks version {theirs} of the exchange, the coordinator version {ours}")]
+    #[error(
+        "the worker speaks version {theirs} of the exchange, the coordinator versions {OLDEST_PROTOCOL_VERSION} to \
+         {PROTOCOL_VERSION}: update the older of the two"
+    )]
     ProtocolVersion {
         /// The worker's.
         theirs: u32,
-        /// The coordinator's.
-        ours: u32,
     },
     /// The worker computes other numbers.
     #[error("the worker's solver has version `{theirs}`, the coordinator's `{ours}`")]

@@ -40,6 +40,10 @@ pub struct Settings {
     pub arguments: Vec<String>,
     /// Longest wait of one request for work.
     pub poll: Duration,
+    /// How long it stays without a job; for ever where none.
+    pub idle_exit: Option<Duration>,
+    /// How long it takes jobs; for ever where none. Then it finishes what runs and leaves.
+    pub max_runtime: Option<Duration>,
     /// How long a draining worker tries to deliver to a coordinator which does not answer.
     pub drain_patience: Duration,
 }
@@ -55,6 +59,8 @@ impl Settings {
             program: program.into(),
             arguments: vec!["slot".into()],
             poll: Duration::from_secs(10),
+            idle_exit: None,
+            max_runtime: None,
             drain_patience: Duration::from_secs(60),
         }
     }

@@ -2,6 +2,8 @@
 
 mod bench;
 mod dataset;
+mod db;
+mod doctor;
 mod dry_run;
 mod host;
 mod lists;
@@ -15,6 +17,7 @@ mod simulate;
 mod study;
 mod token;
 mod worker;
+mod workers;
 
 use std::process::ExitCode;
 
@@ -30,6 +33,10 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Healthcheck(args) => serve::healthcheck(args).await,
         Command::Worker(args) => worker::worker(args).await,
         Command::Token(command) => token::token(command).await,
+        Command::Db(command) => db::db(command).await,
+        Command::Workers(command) => workers::workers(command).await,
+        Command::Explain(args) => workers::explain(args).await,
+        Command::Doctor(args) => doctor::doctor(args).await,
         Command::Study(command) => study::dispatch(command).await,
         Command::Optimum(args) => study::optimum(args).await,
         Command::Optimise(args) => optimise::optimise(args).await,

@@ -34,6 +34,7 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
     let mut config = config(&args.data)?;
     config.access = access(&args, addresses.iter().any(|a| !a.ip().is_loopback())).await?;
     config.run_limits.simulate = Duration::from_secs_f64(args.run_limit);
+    config.keep = args.keep_days.map(|days| Duration::from_secs_f64(days * 86_400.0));
     config.connections = connections(config.connections);
     let listener =
         TcpListener::bind(&addresses[..]).await.with_context(|| format!("cannot listen on {}", args.listen))?;

@@ -11,10 +11,12 @@ use crate::state::AppState;
 
 /// Lets a request pass, or refuses it.
 pub(crate) async fn guard(State(state): State<AppState>, request: Request, next: Next) -> Response {
-    match check(&state, request.method(), request.uri().path(), request.headers()).await {
+    let response = match check(&state, request.method(), request.uri().path(), request.headers()).await {
         Ok(()) => next.run(request).await,
         Err(refusal) => refusal.into_response(),
-    }
+    };
+    state.metrics().answered(response.status().as_u16());
+    response
 }
 
 async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMap) -> Result<(), ApiError> {

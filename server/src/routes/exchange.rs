@@ -56,7 +56,9 @@ async fn exchange(
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
     let first = Exchange { worker, complete, fail: request.fail, renew, want: give(want) };
+    let began = Instant::now();
     let mut told = state.store().exchange(first).await?;
+    state.metrics().exchanged(began.elapsed());
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
         tokio::select! {

@@ -7,7 +7,7 @@ use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::view::WorkerView;
-use manduca_protocol::worker::{PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -45,8 +45,8 @@ async fn register(
     State(state): State<AppState>,
     JsonBody(request): JsonBody<RegisterRequest>,
 ) -> Result<(StatusCode, Json<RegisterResponse>), ApiError> {
-    if request.protocol_version != PROTOCOL_VERSION {
-        return Err(ApiError::ProtocolVersion { theirs: request.protocol_version, ours: PROTOCOL_VERSION });
+    if !(OLDEST_PROTOCOL_VERSION..=PROTOCOL_VERSION).contains(&request.protocol_version) {
+        return Err(ApiError::ProtocolVersion { theirs: request.protocol_version });
     }
     if request.solver_version != SOLVER_VERSION {
         return Err(ApiError::SolverVersion { theirs: request.solver_version, ours: SOLVER_VERSION });

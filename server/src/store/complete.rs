@@ -8,7 +8,7 @@ use manduca_protocol::view::{JobRole, JobState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::evidence::{Class, refuse};
-use super::fail::fail_attempt;
+use super::fail::{Cause, fail_attempt};
 use super::names::{kind_of, named, unsigned, uuid};
 use super::{StoreError, Work};
 
@@ -163,7 +163,7 @@ async fn fail_unusable(
 ) -> Result<Taken, StoreError> {
     refuse(work, worker, result, Class::Refused, &why).await?;
     if job.state == JobState::Leased {
-        fail_attempt(work, &job, &why).await?;
+        fail_attempt(work, &job, Cause::Failed(&why)).await?;
     }
     Ok(Taken::Failed(why, job.study))
 }

@@ -15,8 +15,10 @@ mod exchange;
 mod fail;
 mod names;
 mod read_dataset;
+mod read_explain;
 mod read_jobs;
 mod read_studies;
+mod read_sums;
 mod read_workers;
 mod recover;
 mod search;
@@ -24,6 +26,7 @@ mod specs;
 mod submit;
 mod sweep;
 mod tokens;
+mod upkeep;
 mod workers;
 mod writer;
 
@@ -41,22 +44,26 @@ use sqlx::{ConnectOptions, Connection};
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
+use crate::metrics::Metrics;
 
 pub(crate) use add::AddOptimisation;
-pub(crate) use body::pack;
+pub(crate) use body::{pack, unpack};
 pub(crate) use checkpoint::PreparedRenewal;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
-pub(crate) use names::{kind_of, role_name, state_name};
+pub(crate) use names::{Condition, kind_of, role_name, state_name};
+pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
+pub(crate) use read_sums::{Depth, WorkerSums};
 pub(crate) use recover::Recover;
 pub(crate) use search::{STROKES, optimisation_of_probe, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
 pub(crate) use tokens::{TokenRow, insert_token, list_tokens, revoke_token};
+pub(crate) use upkeep::{Prune, check, copy_to, delete_study, find_ended_before, list_digests};
 pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
 
@@ -106,6 +113,7 @@ impl Store {
         config: Arc<Config>,
         clock: Arc<dyn Clock>,
         observer: Observer,
+        metrics: Arc<Metrics>,
     ) -> Result<Self, OpenError> {
         make_folder(&config.database).await?;
         let options = options(&config.database);
@@ -118,7 +126,7 @@ impl Store {
             .max_connections(config.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer: writer::Writer::start(connection, config, clock, observer), readers })
+        Ok(Self { writer: writer::Writer::start(connection, config, clock, observer, metrics), readers })
     }
 
     /// Queues an operation and waits for the commit which contains it.
@@ -129,6 +137,11 @@ impl Store {
     /// Takes what a worker brings and gives it what it wants, with whatever other exchanges wait.
     pub(crate) async fn exchange(&self, exchange: Exchange) -> Result<Exchanged, StoreError> {
         self.writer.exchange(exchange).await
+    }
+
+    /// Whether the last commit failed: until one succeeds, nothing new is taken.
+    pub(crate) fn is_failing(&self) -> bool {
+        self.writer.is_failing()
     }
 
     /// The pool which cannot write.
@@ -186,6 +199,11 @@ impl File {
     /// The connection.
     pub(crate) fn db(&mut self) -> &mut SqliteConnection {
         &mut self.connection
+    }
+
+    /// Begins a change.
+    pub(crate) async fn begin(&mut self) -> Result<sqlx::Transaction<'_, sqlx::Sqlite>, sqlx::Error> {
+        self.connection.begin_with("begin immediate").await
     }
 
     /// Closes the file.

@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::advance::advance_ended;
 use super::complete::find_job;
-use super::fail::fail_attempt;
+use super::fail::{Cause, fail_attempt};
 use super::names::{kind_of, named};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
@@ -32,14 +32,14 @@ impl Operation for Sweep {
                 "the lease expired: worker `{worker}` was not heard of for {} s",
                 work.config.lease.as_secs_f64()
             );
-            fail_attempt(work, &job, &reason).await?;
+            fail_attempt(work, &job, Cause::Expired(&reason)).await?;
             moved.insert(job.study);
         }
         for (job, kind) in list_overdue(work).await? {
             let Some(job) = find_job(work.db, JobId(job)).await? else { continue };
             let limit = work.config.run_limits.of(kind).as_secs_f64();
             let reason = format!("the attempt exceeded its run limit of {limit} s, and its worker did not end it");
-            fail_attempt(work, &job, &reason).await?;
+            fail_attempt(work, &job, Cause::Failed(&reason)).await?;
             moved.insert(job.study);
         }
         advance_ended(work, &moved).await?;

@@ -15,5 +15,6 @@ mod share;
 mod stages;
 mod steer;
 mod trust;
+mod watch;
 mod wire;
 mod writer;

@@ -8,6 +8,8 @@ mod scaling;
 mod search;
 mod surrogate;
 
+pub use queue::syncs_per_s;
+
 use std::process::ExitCode;
 use std::time::Instant;
 

@@ -10,6 +10,8 @@ mod idle;
 mod load;
 mod process;
 
+pub use disk::syncs_per_s;
+
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -62,7 +64,7 @@ pub async fn queue(args: &BenchQueueArgs) -> Result<ExitCode> {
     }
     std::fs::create_dir_all(&args.folder)?;
     let load_average = process::load_average();
-    let fdatasync_per_s = disk::syncs_per_s(&args.folder)?;
+    let fdatasync_per_s = syncs_per_s(&args.folder)?;
     note(format_args!("{fdatasync_per_s:.0} fdatasync/s in {}", args.folder.display()));
     let mut bench = Bench { args, running: None, submission_jobs_s: 0.0, seed: 0 };
     let mut runs = Vec::new();
