@@ -6,6 +6,10 @@
 // Processes killed in mid-study: nothing lost, nothing twice, the same bytes.
 #[path = "all/crash.rs"]
 mod crash;
+// Faults of machines, disks and clocks.
+#[cfg(target_os = "linux")]
+#[path = "all/faults.rs"]
+mod faults;
 // The life of a study over HTTP, from submission to answer.
 #[path = "all/life.rs"]
 mod life;

@@ -118,9 +118,8 @@ impl Store {
         make_folder(&config.database).await?;
         let options = options(&config.database);
         migrate(&options).await?;
-        // Room for the inner pages of the indexes of some million jobs, 64 MiB; copied back to the file
-        // in portions of 16 MiB, so that a page changed often is copied once.
-        let writing = options.clone().pragma("cache_size", "-65536").pragma("wal_autocheckpoint", "4000");
+        // Room for the inner pages of the indexes of some million jobs, 64 MiB.
+        let writing = options.clone().pragma("cache_size", "-65536");
         let connection = writing.connect().await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(config.readers)

@@ -12,6 +12,7 @@ mod long_poll;
 mod queue;
 mod restart;
 mod share;
+mod simulation;
 mod stages;
 mod steer;
 mod trust;
