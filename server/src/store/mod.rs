@@ -125,7 +125,7 @@ impl Store {
             .max_connections(config.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer: writer::Writer::start(connection, config, clock, observer, metrics), readers })
+        Ok(Self { writer: writer::Writer::start(connection, writing, config, clock, observer, metrics), readers })
     }
 
     /// Queues an operation and waits for the commit which contains it.

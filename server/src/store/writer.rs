@@ -11,8 +11,8 @@ use std::time::Instant;
 
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
-use sqlx::Connection;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection};
 use tokio::sync::{mpsc, oneshot};
 
 use super::exchange::exchange_all;
@@ -116,6 +116,7 @@ impl Writer {
     /// Starts the writer's task on its connection.
     pub(super) fn start(
         connection: SqliteConnection,
+        options: SqliteConnectOptions,
         config: Arc<Config>,
         clock: Arc<dyn Clock>,
         observer: Observer,
@@ -124,7 +125,16 @@ impl Writer {
         let (queue, messages) = mpsc::channel(QUEUE);
         let specs = Specs::default();
         let failing = Arc::new(AtomicBool::new(false));
-        let task = Task { connection, config, clock, observer, specs, metrics, failing: failing.clone() };
+        let task = Task {
+            connection: Some(connection),
+            options,
+            config,
+            clock,
+            observer,
+            specs,
+            metrics,
+            failing: failing.clone(),
+        };
         tokio::spawn(task.serve(messages));
         Self { queue, failing }
     }
@@ -159,7 +169,9 @@ impl Writer {
 }
 
 struct Task {
-    connection: SqliteConnection,
+    /// None after a failed commit, which leaves it in a state nobody knows: the next one opens another.
+    connection: Option<SqliteConnection>,
+    options: SqliteConnectOptions,
     config: Arc<Config>,
     clock: Arc<dyn Clock>,
     observer: Observer,
@@ -214,7 +226,9 @@ impl Task {
             self.commit_and_reply(batch).await;
             if let Some(done) = closing {
                 messages.close();
-                if let Err(error) = self.connection.close().await {
+                if let Some(connection) = self.connection.take()
+                    && let Err(error) = connection.close().await
+                {
                     tracing::warn!(error.cause = %error, "The database was not closed cleanly; it recovers at the next start");
                 }
                 let _ = done.send(());
@@ -238,6 +252,10 @@ impl Task {
             Ok(_) => (self.observer)(&events),
             Err(error) => {
                 self.specs.clear();
+                if let Some(connection) = self.connection.take() {
+                    // Whatever it still had to say was about the batch, whose fate is known.
+                    let _ = connection.close_hard().await;
+                }
                 tracing::error!(error.cause = %error, batch.operations = operations, "A batch of operations was not committed");
             }
         }
@@ -261,7 +279,11 @@ impl Task {
         events: &mut Vec<Event>,
     ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
         let now = self.clock.now_ms();
-        let mut transaction = self.connection.begin_with("begin immediate").await?;
+        let connection = match &mut self.connection {
+            Some(connection) => connection,
+            none => none.insert(self.options.connect().await?),
+        };
+        let mut transaction = connection.begin_with("begin immediate").await?;
         if self.failing.load(Ordering::Relaxed) {
             // A commit which changes nothing would prove nothing.
             beat(&mut transaction, now).await?;
