@@ -1,10 +1,13 @@
 //! A coordinator as the command line sees it.
 
 use anyhow::{Context, Result};
-use manduca_protocol::ids::{JobId, StudyId};
+use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::task::{JobKind, Task};
-use manduca_protocol::view::{JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView};
+use manduca_protocol::view::{
+    JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView,
+};
+use manduca_protocol::watch::Explanation;
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
 
@@ -26,9 +29,14 @@ pub struct Api {
 }
 
 impl Api {
-    /// The coordinator at an address.
+    /// The coordinator at an address, without a token.
     pub fn new(url: &str) -> Result<Self> {
-        Ok(Self { http: Http::new(url).map_err(refused)? })
+        Ok(Self::of(Http::new(url).map_err(refused)?))
+    }
+
+    /// The coordinator a client is of.
+    pub fn of(http: Http) -> Self {
+        Self { http }
     }
 
     /// Submits a study; submissions with one key are one study.
@@ -89,6 +97,21 @@ impl Api {
     /// Asks for a further optimum on its network.
     pub async fn add_optimisation(&self, id: StudyId, spec: &OptimisationSpec) -> Result<OptimumView, CallError> {
         http::call(self.http.post(&format!("/v1/studies/{id}/optimisations")).json(spec)).await
+    }
+
+    /// The workers heard of within a day.
+    pub async fn workers(&self) -> Result<Vec<WorkerView>, CallError> {
+        http::call(self.http.get("/v1/workers")).await
+    }
+
+    /// Asks a worker to finish what it has and leave.
+    pub async fn drain(&self, worker: WorkerId) -> Result<(), CallError> {
+        http::send(self.http.post(&format!("/v1/workers/{worker}/drain"))).await.map(drop)
+    }
+
+    /// Why a job is where it is.
+    pub async fn explain(&self, job: JobId) -> Result<Explanation, CallError> {
+        http::call(self.http.get(&format!("/v1/jobs/{job}/explain"))).await
     }
 
     /// `pause`, `resume`, `cancel` or `retry-failed`.

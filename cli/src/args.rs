@@ -2,17 +2,25 @@
 
 mod bench;
 mod model;
+mod operate;
 mod optimise;
 mod record;
 mod report;
 mod solver;
+mod token;
 
-pub use bench::{BenchAccuracyArgs, BenchCommand, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice};
+pub use bench::{
+    BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
+};
 pub use model::{Model, ModelArgs};
+pub use operate::{
+    BackupArgs, CheckArgs, DbCommand, DoctorArgs, DrainArgs, ExplainArgs, PruneArgs, WorkerListArgs, WorkersCommand,
+};
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
 pub use report::{ReportArgs, ReportCommand, ReproductionArgs};
 pub use solver::SolverOptions;
+pub use token::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
 
 use std::path::PathBuf;
 
@@ -40,12 +48,24 @@ pub struct Cli {
     /// Say more on standard error (-v, -vv, -vvv).
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub verbose: u8,
+    /// How log lines are written.
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, env = "MANDUCA_LOG_FORMAT")]
+    pub log_format: LogFormat,
     /// Say nothing on standard error but errors.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object per line.
+    Json,
 }
 
 /// What to do.
@@ -57,6 +77,19 @@ pub enum Command {
     Serve(ServeArgs),
     /// Compute jobs for a coordinator.
     Worker(WorkerArgs),
+    /// Make, list and revoke the tokens a coordinator asks for.
+    #[command(subcommand)]
+    Token(TokenCommand),
+    /// Copy, check and prune a coordinator's database.
+    #[command(subcommand)]
+    Db(DbCommand),
+    /// List and drain the workers of a coordinator.
+    #[command(subcommand)]
+    Workers(WorkersCommand),
+    /// Say why a job is where it is.
+    Explain(ExplainArgs),
+    /// Look for what could keep this machine from working.
+    Doctor(DoctorArgs),
     /// Submit, watch and steer studies of a coordinator.
     #[command(subcommand)]
     Study(StudyCommand),
@@ -115,12 +148,16 @@ pub struct RunArgs {
 /// `manduca serve`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Whoever reaches the port may submit studies and take jobs: there are no tokens yet. An
-address other than loopback therefore needs --insecure, and a network you trust.
+On loopback whoever has an account here may submit studies and take jobs. At any other address
+a token is asked for: one made by `manduca token create`, or the one given here, which allows
+everything. Put a proxy in front for TLS (docs/operations.md).
 
 Examples:
   manduca serve
-  manduca serve --listen 0.0.0.0:8080 --insecure --data /var/lib/manduca")]
+  manduca token create cluster --scope worker > worker-token
+  manduca serve --listen 0.0.0.0:8080 --data /var/lib/manduca
+  MANDUCA_TOKEN=... manduca serve --listen 0.0.0.0:8080
+  manduca serve --listen 10.0.0.5:8080 --insecure       no tokens: a network you trust")]
 pub struct ServeArgs {
     /// Address to listen on.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "MANDUCA_LISTEN")]
@@ -128,9 +165,22 @@ pub struct ServeArgs {
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
     pub data: PathBuf,
-    /// Listen on an address others can reach, without any authentication.
+    /// File with a token which allows everything, beside those of the database. The variable
+    /// MANDUCA_TOKEN may hold the token itself.
+    #[arg(long, value_name = "FILE", env = "MANDUCA_TOKEN_FILE")]
+    pub token_file: Option<PathBuf>,
+    /// Ask for tokens on loopback too, such as behind a proxy.
+    #[arg(long, conflicts_with = "insecure")]
+    pub require_tokens: bool,
+    /// Listen on an address others can reach, without asking for tokens.
     #[arg(long)]
     pub insecure: bool,
+    /// Remove studies this many days after their end [default: never].
+    #[arg(long, value_name = "N", value_parser = days, env = "MANDUCA_KEEP_DAYS")]
+    pub keep_days: Option<f64>,
+    /// Longest time one simulation may compute, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = seconds)]
+    pub run_limit: f64,
 }
 
 /// `manduca worker`.
@@ -139,8 +189,9 @@ pub struct ServeArgs {
 A worker may come and go at any time. On Ctrl-C or SIGTERM it finishes its jobs, delivers
 them and leaves; a second signal makes it leave at once and its jobs are computed elsewhere.
 
-Example:
-  manduca worker --coordinator http://10.0.0.5:8080 --slots 16")]
+Examples:
+  manduca worker --coordinator http://10.0.0.5:8080 --token-file worker-token --slots 16
+  manduca worker --idle-exit 300 --max-runtime 14000     in a batch job of four hours")]
 pub struct WorkerArgs {
     #[command(flatten)]
     pub coordinator: Coordinator,
@@ -150,6 +201,24 @@ pub struct WorkerArgs {
     /// Name for people [default: the host's].
     #[arg(long)]
     pub name: Option<String>,
+    /// Leave after so many seconds without a job.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_IDLE_EXIT")]
+    pub idle_exit: Option<f64>,
+    /// After so many seconds finish what runs and leave, such as before a batch system's limit.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_MAX_RUNTIME")]
+    pub max_runtime: Option<f64>,
+}
+
+/// A number of days.
+fn days(text: &str) -> Result<f64, String> {
+    let days: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.0..=36_525.0).contains(&days) { Ok(days) } else { Err("is outside 0 to 36525".into()) }
+}
+
+/// A number of seconds, at least a tenth.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.1..=1e9).contains(&seconds) { Ok(seconds) } else { Err("is outside 0.1 to 1e9".into()) }
 }
 
 /// Where the coordinator is.
@@ -163,6 +232,10 @@ pub struct Coordinator {
         env = "MANDUCA_COORDINATOR"
     )]
     pub url: String,
+    /// File with the token the coordinator asks for. The variable MANDUCA_TOKEN may hold the
+    /// token itself; the command line never does, for others can read it.
+    #[arg(long, value_name = "FILE", env = "MANDUCA_TOKEN_FILE")]
+    pub token_file: Option<PathBuf>,
 }
 
 /// `manduca study ...`.

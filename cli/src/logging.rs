@@ -4,14 +4,18 @@ use std::io::IsTerminal;
 
 use tracing_subscriber::EnvFilter;
 
-use crate::args::{Cli, Command};
+use crate::args::{Cli, Command, LogFormat};
 
 /// Starts logging: `MANDUCA_LOG`, then `RUST_LOG`, then `-v`/`-q` decide what is seen.
 pub fn start(cli: &Cli) {
     let by_variable = ["MANDUCA_LOG", "RUST_LOG"].into_iter().find_map(|name| EnvFilter::try_from_env(name).ok());
     let filter = by_variable.unwrap_or_else(|| EnvFilter::new(level(cli)));
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    builder.with_ansi(std::io::stderr().is_terminal()).with_target(false).init();
+    let builder = builder.with_ansi(std::io::stderr().is_terminal()).with_target(false);
+    match cli.log_format {
+        LogFormat::Text => builder.init(),
+        LogFormat::Json => builder.json().flatten_event(true).with_current_span(false).with_span_list(false).init(),
+    }
 }
 
 /// Services tell what they do; a command which shows its own progress does not.

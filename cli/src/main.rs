@@ -12,6 +12,7 @@ mod progress;
 mod render;
 mod signals;
 mod study_file;
+mod token;
 
 use std::process::ExitCode;
 use std::time::Duration;

@@ -154,6 +154,7 @@ mod tests {
         let mut spec = crate::study_file::load("quick").unwrap();
         spec.sampling.samples = 300;
         StudyView {
+            audits: JobCounts::default(),
             id: StudyId::new(),
             state,
             paused_from: None,

@@ -111,7 +111,7 @@ fn refused_input_is_code_2_with_file_and_field() {
         &["simulate", "--set", "colour=1"][..],
         &["simulate", "--spanwise-panels", "1000"],
         &["serve", "--listen", "0.0.0.0:0"],
-        &["worker", "--coordinator", "https://localhost"],
+        &["worker", "--coordinator", "ftp://localhost"],
         &["insects", "dragon"],
         &["dance"],
     ] {

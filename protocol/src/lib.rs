@@ -14,4 +14,5 @@ pub mod study;
 pub mod task;
 pub mod training;
 pub mod view;
+pub mod watch;
 pub mod worker;

@@ -367,6 +367,7 @@ pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
         let why = "is 0, which is for studies whose optimisations are all `direct`; otherwise";
         faults.add("/sampling/samples", format!("{why} {MIN_SAMPLES} to {MAX_SAMPLES}"));
     }
+    faults.within("/audit", spec.audit, 0.0, 1.0);
     faults.within("/sampling/faces", spec.sampling.faces, 0.0, 1.0);
     faults.within("/sampling/clearance_margin_mm", spec.sampling.clearance_margin_mm, -1000.0, 1000.0);
     let surrogate = surrogate_at(&spec.surrogate, samples, spec.seed, &mut faults);

@@ -35,6 +35,9 @@ pub struct StudySpec {
     /// What to optimise on it, in order.
     #[serde(default, deserialize_with = "strict::objects")]
     pub optimisations: Vec<OptimisationSpec>,
+    /// Share of the samples flown once more by another worker and compared bit by bit, 0 to 1.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub audit: f64,
 }
 
 /// Bounds or a held value.

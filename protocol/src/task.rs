@@ -28,6 +28,11 @@ pub enum JobKind {
     Search,
 }
 
+impl JobKind {
+    /// All kinds.
+    pub const ALL: [Self; 4] = [Self::Simulate, Self::Train, Self::Optimise, Self::Search];
+}
+
 /// What to compute. The bulk (`dataset`, `network`) is filled in by the
 /// coordinator when a worker asks for a job's task.
 #[allow(clippy::large_enum_variant, reason = "a task is built once per job and never stored in bulk")]

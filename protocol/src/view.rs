@@ -138,6 +138,9 @@ pub struct StudyView {
     pub rate_per_s: Option<f64>,
     /// Estimated seconds to the end of this stage.
     pub eta_s: Option<f64>,
+    /// Samples flown again by another worker, by state; those which differed are evidence.
+    #[serde(default)]
+    pub audits: JobCounts,
     /// Wall time per stage.
     pub stages_s: StageSeconds,
     /// Errors of the network on the test share.
@@ -338,6 +341,8 @@ pub enum JobRole {
     Generation,
     /// A stroke which a generation asked for.
     Individual,
+    /// A sample flown again by another worker, to be compared.
+    Audit,
 }
 
 /// One page of a list.
@@ -382,6 +387,15 @@ pub struct WorkerView {
     pub last_seen_s: f64,
     /// Whether it still counts as alive.
     pub alive: bool,
+    /// Attempts failed in a row.
+    #[serde(default)]
+    pub strikes: u32,
+    /// Whether it is given no jobs for a while, because too many attempts in a row failed.
+    #[serde(default)]
+    pub quarantined: bool,
+    /// Whether it was asked to finish what it has and leave.
+    #[serde(default)]
+    pub draining: bool,
 }
 
 /// Whether a study would be accepted and what it would cost. `POST /v1/studies?dry_run=true`

@@ -8,6 +8,8 @@ use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
 pub const PROTOCOL_VERSION: u32 = 1;
+/// Oldest version of the exchange a coordinator of this code still takes.
+pub const OLDEST_PROTOCOL_VERSION: u32 = 1;
 /// Most items in any list of an exchange.
 pub const MAX_BATCH: usize = 1000;
 /// Longest wait for work, s.

@@ -2,7 +2,9 @@
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
+use axum::middleware::from_fn_with_state;
 
+use crate::auth::guard;
 use crate::error::ApiError;
 use crate::routes;
 use crate::state::AppState;
@@ -14,6 +16,7 @@ pub fn app(state: AppState) -> Router {
         .merge(routes::openapi::router(document))
         .fallback(|| async { ApiError::NoRoute })
         .method_not_allowed_fallback(|| async { ApiError::MethodNotAllowed })
+        .layer(from_fn_with_state(state.clone(), guard))
         // Bodies are read with limits of their own, route by route.
         .layer(DefaultBodyLimit::disable())
         .with_state(state)

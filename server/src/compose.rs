@@ -1,36 +1,26 @@
 //! Tasks are composed from the study when they are needed: nothing is stored twice.
 
-use std::time::Duration;
-
 use manduca_numerics::uvlm;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::{ResolvedOptimisation, ResolvedStudy};
 use manduca_protocol::search::{FlownMessage, SearchState, SearchTask};
 use manduca_protocol::study::{ModelKind, OptimisationSpec, StudySpec};
 use manduca_protocol::task::{
-    JobKind, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
+    OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
 };
 use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
 
+use crate::config::RunLimits;
 use crate::draw::simulate_task;
 use crate::store::{Leased, StoreError, kind_of, optimisation_of_stroke, round_of};
 
-/// How long a job may compute before it is taken for an endless one.
-fn run_limit(kind: JobKind) -> Duration {
-    match kind {
-        JobKind::Simulate => Duration::from_secs(600),
-        JobKind::Train => Duration::from_secs(4 * 3600),
-        JobKind::Optimise | JobKind::Search => Duration::from_secs(2 * 3600),
-    }
-}
-
 /// The lease of a job as the worker gets it: simulations with their task, the
 /// rest to be fetched, for their tasks are large.
-pub(crate) fn lease(leased: &Leased, spec: &StudySpec) -> Result<Lease, StoreError> {
+pub(crate) fn lease(leased: &Leased, limits: &RunLimits) -> Result<Lease, StoreError> {
     let kind = kind_of(leased.role);
     let task = match &leased.parameters {
-        Some(parameters) => Some(simulation(spec, leased.role, leased.ordinal, parameters)?),
+        Some(parameters) => Some(simulation(&leased.spec, leased.role, leased.ordinal, parameters)?),
         None => None,
     };
     Ok(Lease {
@@ -38,7 +28,7 @@ pub(crate) fn lease(leased: &Leased, spec: &StudySpec) -> Result<Lease, StoreErr
         attempt: leased.attempt,
         study: leased.study,
         kind,
-        run_limit_s: run_limit(kind).as_secs_f64(),
+        run_limit_s: limits.of(kind).as_secs_f64(),
         task,
     })
 }

@@ -3,12 +3,18 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use manduca_protocol::task::JobKind;
+
+use crate::auth::Access;
+
 /// How the coordinator behaves. The default suits one coordinator with any
 /// number of workers in one network.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// The SQLite file; it is created when missing, its folder too.
     pub database: PathBuf,
+    /// Whether tokens are asked for.
+    pub access: Access,
     /// How long a lease lasts without renewal.
     pub lease: Duration,
     /// How often workers are asked to renew.
@@ -19,10 +25,28 @@ pub struct Config {
     pub backoff: Duration,
     /// Longest wait after a failure.
     pub max_backoff: Duration,
+    /// Failures of a worker in a row after which it is given no jobs for a while.
+    pub strikes: u32,
+    /// How long that is.
+    pub quarantine: Duration,
+    /// How long an attempt may compute, renewed or not, by kind of job.
+    pub run_limits: RunLimits,
+    /// What an attempt beyond its limit is given to say so itself, before the coordinator does.
+    pub run_grace: Duration,
+    /// How long studies are kept after their end; for ever where none.
+    pub keep: Option<Duration>,
     /// How often expired leases and waits are looked for.
     pub sweep: Duration,
     /// How long open requests may take to finish at shutdown.
     pub shutdown: Duration,
+    /// How long a request's headers may take to arrive, and how long a connection may be idle.
+    pub header_wait: Duration,
+    /// How long a client may leave an answer unread.
+    pub write_wait: Duration,
+    /// Largest head of a request, bytes; at least 8192.
+    pub header_limit: usize,
+    /// Connections open at the same time; others wait to be accepted.
+    pub connections: usize,
     /// How long a request's body may take to arrive.
     pub body_wait: Duration,
     /// Largest body of a study, bytes.
@@ -42,13 +66,23 @@ impl Config {
     pub fn new(database: impl Into<PathBuf>) -> Self {
         Self {
             database: database.into(),
+            access: Access::Open,
             lease: Duration::from_secs(15),
             renew: Duration::from_secs(5),
             max_attempts: 3,
             backoff: Duration::from_secs(1),
             max_backoff: Duration::from_secs(60),
+            strikes: 5,
+            quarantine: Duration::from_secs(300),
+            run_limits: RunLimits::default(),
+            run_grace: Duration::from_secs(30),
+            keep: None,
             sweep: Duration::from_millis(500),
             shutdown: Duration::from_secs(10),
+            header_wait: Duration::from_secs(30),
+            write_wait: Duration::from_secs(60),
+            header_limit: 16 << 10,
+            connections: 10_000,
             body_wait: Duration::from_secs(30),
             study_limit: 10 << 20,
             exchange_limit: 64 << 20,
@@ -67,6 +101,36 @@ impl Config {
     /// How long a lease lasts, ms.
     pub(crate) fn lease_ms(&self) -> i64 {
         millis(self.lease)
+    }
+}
+
+/// How long an attempt may compute before it is taken for an endless one. Apart from the
+/// lease, which a worker caught in an endless loop goes on renewing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunLimits {
+    /// A simulation.
+    pub simulate: Duration,
+    /// A training.
+    pub train: Duration,
+    /// An optimisation, or a round of a search.
+    pub optimise: Duration,
+}
+
+impl Default for RunLimits {
+    fn default() -> Self {
+        let hours = |n: u64| Duration::from_secs(n * 3600);
+        Self { simulate: Duration::from_secs(600), train: hours(4), optimise: hours(2) }
+    }
+}
+
+impl RunLimits {
+    /// That of one kind.
+    pub fn of(&self, kind: JobKind) -> Duration {
+        match kind {
+            JobKind::Simulate => self.simulate,
+            JobKind::Train => self.train,
+            JobKind::Optimise | JobKind::Search => self.optimise,
+        }
     }
 }
 

@@ -5,7 +5,9 @@ use axum::Json;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
+use crate::auth::Scope;
 use crate::store::StoreError;
 
 /// Why a request was refused.
@@ -26,6 +28,15 @@ pub enum ApiError {
     /// The Idempotency-Key came with another study before.
     #[error("this Idempotency-Key was used for another study")]
     IdempotencyKeyReused,
+    /// No token came with it, or one which is not known.
+    #[error("this coordinator asks for a token: `Authorization: Bearer ...`")]
+    Unauthenticated,
+    /// The token does not allow this.
+    #[error("the token does not allow this; it needs the scope `{0}`")]
+    Forbidden(Scope),
+    /// A page of another site asked through a visitor's browser.
+    #[error("pages of other sites may not act here")]
+    AnotherSite,
     /// The body is not declared as JSON.
     #[error("the body must be sent as application/json")]
     UnsupportedMediaType,
@@ -72,12 +83,13 @@ pub enum ApiError {
     #[error("{0}")]
     WrongState(String),
     /// The worker speaks another version of the exchange.
-    #[error("the worker speaks version {theirs} of the exchange, the coordinator version {ours}")]
+    #[error(
+        "the worker speaks version {theirs} of the exchange, the coordinator versions {OLDEST_PROTOCOL_VERSION} to \
+         {PROTOCOL_VERSION}: update the older of the two"
+    )]
     ProtocolVersion {
         /// The worker's.
         theirs: u32,
-        /// The coordinator's.
-        ours: u32,
     },
     /// The worker computes other numbers.
     #[error("the worker's solver has version `{theirs}`, the coordinator's `{ours}`")]
@@ -110,6 +122,9 @@ impl ApiError {
             Self::InvalidRequest(_) => (S::UNPROCESSABLE_ENTITY, "invalid-request", "Invalid request"),
             Self::InvalidQuery(_) => (S::BAD_REQUEST, "invalid-query", "Invalid query string"),
             Self::IdempotencyKeyReused => (S::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "Idempotency-Key reused"),
+            Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
+            Self::Forbidden(_) => (S::FORBIDDEN, "forbidden", "Not allowed"),
+            Self::AnotherSite => (S::FORBIDDEN, "another-site", "From another site"),
             Self::UnsupportedMediaType => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type")
             }
@@ -200,6 +215,7 @@ impl ApiError {
     fn hint(&self) -> Option<(HeaderName, HeaderValue)> {
         match self {
             Self::Unavailable(_) => Some((header::RETRY_AFTER, HeaderValue::from_static("1"))),
+            Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
             Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/1"))),
             _ => None,
         }

@@ -38,6 +38,8 @@ pub(crate) enum Event {
         attempt: u32,
         reason: String,
         dead: bool,
+        /// Whether nothing was heard of it, rather than that it failed.
+        expired: bool,
     },
     Refused {
         job: JobId,
@@ -66,6 +68,26 @@ pub(crate) enum Event {
         worker: WorkerId,
         jobs: u64,
     },
+    Quarantined {
+        worker: WorkerId,
+        name: String,
+        strikes: i64,
+        seconds: f64,
+    },
+    Draining {
+        worker: WorkerId,
+    },
+    Audited {
+        study: StudyId,
+        job: JobId,
+        worker: WorkerId,
+        agrees: bool,
+    },
+    Pruned {
+        study: StudyId,
+        name: String,
+        jobs: u64,
+    },
     Recovered {
         leases: u64,
     },
@@ -74,6 +96,32 @@ pub(crate) enum Event {
 }
 
 impl Event {
+    /// What this decision is counted as, if it is.
+    pub(crate) fn name(&self) -> Option<&'static str> {
+        Some(match self {
+            Self::Submitted { .. } => "study_submitted",
+            Self::Drawn { .. } => "samples_drawn",
+            Self::Leased { .. } => "leased",
+            Self::Completed { .. } => "completed",
+            Self::Shared { .. } => "shared",
+            Self::Failed { expired: true, .. } => "lease_expired",
+            Self::Failed { dead: true, .. } => "given_up",
+            Self::Failed { .. } => "failed",
+            Self::Refused { .. } => "refused",
+            Self::Nondeterminism { .. } => "nondeterminism",
+            Self::Moved { .. } => "study_moved",
+            Self::Registered { .. } => "worker_registered",
+            Self::Left { .. } => "worker_left",
+            Self::Quarantined { .. } => "worker_quarantined",
+            Self::Draining { .. } => "worker_draining",
+            Self::Audited { agrees: true, .. } => "audit_agreed",
+            Self::Audited { agrees: false, .. } => "audit_differed",
+            Self::Pruned { .. } => "study_pruned",
+            Self::Recovered { .. } => "recovered",
+            Self::Ready => return None,
+        })
+    }
+
     /// The log line of this decision, if it has one.
     pub(crate) fn log(&self) {
         match self {
@@ -92,10 +140,10 @@ impl Event {
             Self::Shared { study, job, from } => {
                 tracing::debug!(study.id = %study, job.id = %job, job.result_of = %from, "Job finished by an equal one's result");
             }
-            Self::Failed { study, job, attempt, reason, dead: false } => {
+            Self::Failed { study, job, attempt, reason, dead: false, .. } => {
                 tracing::warn!(study.id = %study, job.id = %job, job.attempt = attempt, job.reason = reason, "Attempt failed; the job will be tried again");
             }
-            Self::Failed { study, job, attempt, reason, dead: true } => {
+            Self::Failed { study, job, attempt, reason, dead: true, .. } => {
                 tracing::error!(study.id = %study, job.id = %job, job.attempt = attempt, job.reason = reason, "Attempt failed; the job is given up");
             }
             Self::Refused { job, worker, attempt, reason } => {
@@ -112,6 +160,21 @@ impl Event {
             }
             Self::Left { worker, jobs } => {
                 tracing::info!(worker.id = %worker, jobs.count = jobs, "Worker left; its jobs are ready again");
+            }
+            Self::Quarantined { worker, name, strikes, seconds } => {
+                tracing::warn!(worker.id = %worker, worker.name = name, worker.strikes = strikes, worker.quarantine_s = seconds, "Worker set aside: too many attempts failed in a row");
+            }
+            Self::Draining { worker } => {
+                tracing::info!(worker.id = %worker, "Worker asked to finish what it has and leave");
+            }
+            Self::Audited { study, job, worker, agrees: true } => {
+                tracing::info!(study.id = %study, job.id = %job, worker.id = %worker, "Audit agrees");
+            }
+            Self::Audited { study, job, worker, agrees: false } => {
+                tracing::warn!(study.id = %study, job.id = %job, worker.id = %worker, "Audit differs or could not be compared; see the evidence");
+            }
+            Self::Pruned { study, name, jobs } => {
+                tracing::info!(study.id = %study, study.name = name, jobs.count = jobs, "Study removed, its time being over");
             }
             Self::Recovered { leases } => {
                 tracing::info!(leases.count = leases, "Store opened; live leases have a new term");

@@ -6,6 +6,7 @@
 //! two halves, so that tests start the real thing without a socket.
 
 mod app;
+mod auth;
 mod check;
 mod clock;
 mod compose;
@@ -15,6 +16,8 @@ mod draw;
 mod error;
 mod event;
 mod http;
+mod metrics;
+mod offline;
 mod prepare;
 mod rate;
 // The macro which describes routes spells out paths it need not.
@@ -27,10 +30,13 @@ mod store;
 mod tests;
 
 pub use app::app;
+pub use auth::{Access, Scope, Scopes, Secret, TokenHash};
 pub use check::{Checked, check};
 pub use clock::{Clock, SystemClock};
-pub use config::Config;
+pub use config::{Config, RunLimits};
 pub use error::ApiError;
+pub use offline::upkeep::{Findings, Pruned};
+pub use offline::{Offline, OfflineError, Token};
 pub use routes::document as openapi;
 pub use serve::{ServerError, run};
 pub use state::{AppState, open, open_with_clock};

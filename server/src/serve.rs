@@ -2,8 +2,8 @@
 
 use tokio::net::TcpListener;
 
-use crate::app::app;
 use crate::config::Config;
+use crate::http::connection::Connections;
 use crate::state::{AppState, open};
 use crate::store::{OpenError, StoreError};
 
@@ -54,22 +54,16 @@ async fn serve(
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), std::io::Error> {
     let stopping = state.stopping().clone();
-    let server = axum::serve(listener, app(state.clone())).with_graceful_shutdown(stopping.clone().cancelled_owned());
-    let mut server = std::pin::pin!(server.into_future());
+    let connections = Connections::new(state);
     tokio::select! {
-        ended = &mut server => return ended,
+        never = connections.accept(listener) => match never {},
         () = shutdown => {}
     }
     tracing::info!("Coordinator stopping; open requests are finished first");
     stopping.cancel();
-    match tokio::time::timeout(state.config().shutdown, server).await {
-        Ok(ended) => ended,
-        Err(_) => {
-            tracing::warn!(
-                server.waited_s = state.config().shutdown.as_secs_f64(),
-                "Some requests did not finish in time"
-            );
-            Ok(())
-        }
+    if tokio::time::timeout(state.config().shutdown, connections.finish()).await.is_err() {
+        let waited_s = state.config().shutdown.as_secs_f64();
+        tracing::warn!(server.waited_s = waited_s, "Some requests did not finish in time");
     }
+    Ok(())
 }

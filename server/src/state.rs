@@ -1,16 +1,20 @@
 //! The open coordinator: what every handler shares.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use manduca_protocol::view::JobRole;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
+use crate::auth::Tokens;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
+use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::serve::ServerError;
-use crate::store::{Recover, Store, StoreError, Sweep};
+use crate::store::{Prune, Recover, Store, StoreError, Sweep};
 
 /// An open coordinator. Clones share it; [`AppState::close`] ends it.
 #[derive(Clone)]
@@ -25,6 +29,8 @@ struct Inner {
     rates: Arc<Rates>,
     ready: Arc<Notify>,
     stopping: CancellationToken,
+    tokens: Tokens,
+    metrics: Arc<Metrics>,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -43,23 +49,27 @@ pub async fn open(config: Config) -> Result<AppState, ServerError> {
 pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<AppState, ServerError> {
     let config = Arc::new(config);
     let (rates, ready) = (Arc::new(Rates::default()), Arc::new(Notify::new()));
+    let metrics = Arc::new(Metrics::default());
     let observer = {
-        let (rates, ready, clock) = (rates.clone(), ready.clone(), clock.clone());
-        Arc::new(move |events: &[Event]| observe(events, &rates, &ready, clock.now_ms()))
+        let (rates, ready, clock, metrics) = (rates.clone(), ready.clone(), clock.clone(), metrics.clone());
+        Arc::new(move |events: &[Event]| observe(events, &rates, &ready, &metrics, clock.now_ms()))
     };
-    let store = Store::open(config.clone(), clock.clone(), observer).await?;
+    let store = Store::open(config.clone(), clock.clone(), observer, metrics.clone()).await?;
     store.run(Recover).await?;
     let stopping = CancellationToken::new();
     tokio::spawn(sweep(store.clone(), config.clone(), stopping.clone()));
-    Ok(AppState { inner: Arc::new(Inner { config, clock, store, rates, ready, stopping }) })
+    Ok(AppState {
+        inner: Arc::new(Inner { config, clock, store, rates, ready, stopping, tokens: Tokens::default(), metrics }),
+    })
 }
 
 /// What follows a commit outside the store.
-fn observe(events: &[Event], rates: &Rates, ready: &Notify, now_ms: i64) {
+fn observe(events: &[Event], rates: &Rates, ready: &Notify, metrics: &Metrics, now_ms: i64) {
     for event in events {
         event.log();
+        metrics.observe(event);
         match event {
-            Event::Completed { study, .. } => rates.completed(*study, now_ms),
+            Event::Completed { study, role, .. } if *role != JobRole::Audit => rates.completed(*study, now_ms),
             Event::Moved { study, .. } => rates.forget(*study),
             Event::Ready => ready.notify_waiters(),
             _ => {}
@@ -67,12 +77,35 @@ fn observe(events: &[Event], rates: &Rates, ready: &Notify, now_ms: i64) {
     }
 }
 
+/// How often studies whose time is over are looked for.
+const PRUNE: Duration = Duration::from_secs(600);
+
+/// Removes studies whose time is over, one commit each.
+async fn prune(store: &Store) {
+    loop {
+        match store.run(Prune).await {
+            Ok(true) => {}
+            Ok(false) | Err(StoreError::Closed) => return,
+            Err(error) => {
+                tracing::error!(error.cause = %crate::error::chain(&error), "Old studies could not be removed");
+                return;
+            }
+        }
+    }
+}
+
 /// Looks for expired leases and ended waits until the coordinator stops.
 async fn sweep(store: Store, config: Arc<Config>, stopping: CancellationToken) {
+    prune(&store).await;
+    let mut pruned = Instant::now();
     loop {
         tokio::select! {
             () = stopping.cancelled() => return,
             () = tokio::time::sleep(config.sweep) => {}
+        }
+        if config.keep.is_some() && pruned.elapsed() >= PRUNE {
+            pruned = Instant::now();
+            prune(&store).await;
         }
         match store.run(Sweep).await {
             Ok(()) => {}
@@ -101,6 +134,16 @@ impl AppState {
 
     pub(crate) fn rates(&self) -> &Rates {
         &self.inner.rates
+    }
+
+    /// The tokens of the database.
+    pub(crate) fn tokens(&self) -> &Tokens {
+        &self.inner.tokens
+    }
+
+    /// What is counted.
+    pub(crate) fn metrics(&self) -> &Metrics {
+        &self.inner.metrics
     }
 
     /// Told whenever jobs become ready.

@@ -49,6 +49,8 @@ pub struct Client {
 impl Client {
     /// A client of an address such as `http://127.0.0.1:20100`.
     pub fn new(base: &str) -> Self {
+        // A second call finds the provider in place, which is as good.
+        let _ = rustls::crypto::ring::default_provider().install_default();
         // Connections are not kept: one to a killed coordinator would fail the next call.
         let http = reqwest::Client::builder().no_proxy().timeout(PATIENCE).pool_max_idle_per_host(0);
         Self {

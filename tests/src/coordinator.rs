@@ -28,6 +28,8 @@ pub struct Coordinator {
     address: String,
     folder: TempDir,
     starts: u32,
+    arguments: Vec<String>,
+    environment: Vec<(String, String)>,
 }
 
 impl Deref for Coordinator {
@@ -41,13 +43,29 @@ impl Deref for Coordinator {
 impl Coordinator {
     /// Starts one on a fresh database and waits until it is ready.
     pub fn start() -> Self {
+        Self::prepared(&[], |_| Vec::new())
+    }
+
+    /// [`Coordinator::start`] with further arguments of `serve`.
+    pub fn start_serving(arguments: &[&str]) -> Self {
+        Self::prepared(arguments, |_| Vec::new())
+    }
+
+    /// [`Coordinator::start`] with an environment which depends on its folder.
+    pub fn start_with(environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
+        Self::prepared(&[], environment)
+    }
+
+    fn prepared(arguments: &[&str], environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
         loop {
             // Another process may take the port first; then the next one is tried.
             let address = format!("127.0.0.1:{}", free_port());
             let folder = tempfile::tempdir().expect("a temporary folder");
             let client = Client::new(&format!("http://{address}"));
-            let process = serve(folder.path(), &address, 1);
-            let mut coordinator = Self { process, client, address, folder, starts: 1 };
+            let arguments: Vec<String> = arguments.iter().map(ToString::to_string).collect();
+            let environment = environment(folder.path());
+            let process = serve(folder.path(), &address, 1, &arguments, &environment);
+            let mut coordinator = Self { process, client, address, folder, starts: 1, arguments, environment };
             if coordinator.becomes_ready() {
                 return coordinator;
             }
@@ -74,10 +92,22 @@ impl Coordinator {
 
     /// Starts it again on the same port and database.
     pub fn restart(&mut self) {
+        assert!(self.try_restart(), "the coordinator does not start again: {}", self.process.said());
+    }
+
+    /// [`Coordinator::restart`]; false when it ends instead.
+    pub fn try_restart(&mut self) -> bool {
         self.process.kill();
         self.starts += 1;
-        self.process = serve(self.folder.path(), &self.address, self.starts);
-        assert!(self.becomes_ready(), "the coordinator does not start again: {}", self.process.said());
+        self.process = serve(self.folder.path(), &self.address, self.starts, &self.arguments, &self.environment);
+        let Self { process, client, .. } = self;
+        wait_for("a coordinator which is ready again", || {
+            if process.ended().is_some() {
+                return Some(false);
+            }
+            let answer = client.try_send(client.request("GET", "/readyz"));
+            answer.is_ok_and(|answer| answer.status == 200).then_some(true)
+        })
     }
 
     /// Asks it to leave with SIGTERM and tells its exit code.
@@ -176,11 +206,13 @@ pub fn text(value: &Value) -> String {
     value.as_str().unwrap_or_else(|| panic!("{value} is no string")).to_owned()
 }
 
-fn serve(folder: &Path, address: &str, start: u32) -> Process {
+fn serve(folder: &Path, address: &str, start: u32, arguments: &[String], environment: &[(String, String)]) -> Process {
     let data = folder.join("data");
     fs::create_dir_all(&data).expect("a folder can be made");
     let data = data.to_str().expect("a temporary folder has a plain name");
-    Process::start(manduca(&["serve", "--listen", address, "--data", data]), folder, &format!("serve-{start}"))
+    let mut command = manduca(&["serve", "--listen", address, "--data", data]);
+    command.args(arguments).envs(environment.iter().map(|(name, value)| (name, value)));
+    Process::start(command, folder, &format!("serve-{start}"))
 }
 
 /// A port nobody listens on. Test processes start at different places, and

@@ -5,8 +5,11 @@
 
 pub mod client;
 pub mod coordinator;
+pub mod crowd;
 pub mod process;
 pub mod program;
+#[cfg(target_os = "linux")]
+pub mod shim;
 pub mod studies;
 
 pub use manduca_numerics::simulation::SOLVER_VERSION;

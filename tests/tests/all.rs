@@ -9,6 +9,10 @@ mod crash;
 // Generations which are flown instead of asked of a network.
 #[path = "all/direct.rs"]
 mod direct;
+// Faults of machines, disks and clocks.
+#[cfg(target_os = "linux")]
+#[path = "all/faults.rs"]
+mod faults;
 // The life of a study over HTTP, from submission to answer.
 #[path = "all/life.rs"]
 mod life;

@@ -53,6 +53,8 @@ pub(crate) struct Agent {
     poll_after: Instant,
     backoff: Backoff,
     drain_until: Option<Instant>,
+    began: Instant,
+    idle_since: Instant,
     summary: Summary,
 }
 
@@ -75,6 +77,8 @@ impl Agent {
             poll_after: Instant::now(),
             backoff: Backoff::default(),
             drain_until: None,
+            began: Instant::now(),
+            idle_since: Instant::now(),
             summary: Summary::default(),
             settings,
         }
@@ -281,6 +285,18 @@ impl Agent {
     fn on_tick(&mut self) {
         let due = Instant::now() >= self.renew_at;
         self.renewal_due |= (due && !self.running.is_empty()) || self.running.has_news();
+        if !self.running.is_empty() || !self.outbox.is_empty() {
+            self.idle_since = Instant::now();
+        }
+        let is_over = |limit: Option<Duration>, since: Instant| limit.is_some_and(|limit| since.elapsed() >= limit);
+        if self.drain_until.is_some() {
+            return;
+        }
+        if is_over(self.settings.max_runtime, self.began) {
+            self.drain("its time is over");
+        } else if is_over(self.settings.idle_exit, self.idle_since) {
+            self.drain("there was nothing to do for long enough");
+        }
     }
 
     /// Notes a failed call and when to try again.

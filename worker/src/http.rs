@@ -5,6 +5,7 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use manduca_protocol::problem::Problem;
+use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 
@@ -56,6 +57,29 @@ impl CallError {
     }
 }
 
+/// What a coordinator asks for before it answers. It is not shown, not even for debugging.
+#[derive(Clone)]
+pub struct Token(HeaderValue);
+
+impl Token {
+    /// A token, without the white space around it.
+    ///
+    /// # Errors
+    /// A sentence when it cannot be sent in a header.
+    pub fn new(text: &str) -> Result<Self, String> {
+        let value = HeaderValue::from_str(&format!("Bearer {}", text.trim()));
+        let mut value = value.map_err(|_| "the token has characters which no token has".to_owned())?;
+        value.set_sensitive(true);
+        Ok(Self(value))
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token")
+    }
+}
+
 /// A coordinator's address with a connection pool.
 #[derive(Debug, Clone)]
 pub struct Http {
@@ -69,18 +93,36 @@ impl Http {
     /// # Errors
     /// A sentence when the address is none.
     pub fn new(base: &str) -> Result<Self, String> {
+        Self::with_token(base, None)
+    }
+
+    /// [`Http::new`] with a token sent along with every call.
+    ///
+    /// # Errors
+    /// A sentence when the address is none.
+    pub fn with_token(base: &str, token: Option<&Token>) -> Result<Self, String> {
         let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
         let url = Url::parse(&base).map_err(|e| format!("`{base}` is not an address: {e}"))?;
-        if url.scheme() != "http" {
-            return Err(format!("`{base}`: only http:// is spoken; put a tunnel or a proxy in front for TLS"));
+        if !matches!(url.scheme(), "http" | "https") || !url.has_host() {
+            return Err(format!("`{base}` is not an address of the form http://host:port or https://host"));
         }
+        // A second call finds the provider in place, which is as good.
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let mut builder = reqwest::Client::builder().connect_timeout(CONNECT).tcp_nodelay(true);
+        if let Some(Token(value)) = token {
+            builder = builder.default_headers(HeaderMap::from_iter([(AUTHORIZATION, value.clone())]));
+        }
         if is_loopback(&url) {
             // A proxy cannot reach our own loopback, whatever HTTP_PROXY says.
             builder = builder.no_proxy();
         }
         let client = builder.build().map_err(|e| format!("cannot set up HTTP: {}", root_cause(&e)))?;
         Ok(Self { client, base: base.trim_end_matches('/').to_owned() })
+    }
+
+    /// Whether what is sent can be read by others on the way.
+    pub fn is_in_the_clear(&self) -> bool {
+        Url::parse(&self.base).is_ok_and(|url| url.scheme() == "http" && !is_loopback(&url))
     }
 
     /// The address.
@@ -169,7 +211,10 @@ mod tests {
     fn addresses_are_read_as_people_write_them() {
         assert_eq!(Http::new("127.0.0.1:8080").unwrap().base(), "http://127.0.0.1:8080");
         assert_eq!(Http::new("http://host:80/").unwrap().base(), "http://host:80");
-        assert!(Http::new("https://host").unwrap_err().contains("TLS"));
+        assert_eq!(Http::new("https://host").unwrap().base(), "https://host");
+        assert!(Http::new("ftp://host").is_err());
+        assert_eq!(format!("{:?}", Token::new(" secret\n").unwrap()), "Token");
+        assert!(Token::new("se\ncret").is_err());
         assert!(Http::new("http://").is_err());
         for address in ["http://[::1]:1", "http://localhost", "http://127.0.0.1"] {
             assert!(is_loopback(&Url::parse(address).unwrap()), "{address}");

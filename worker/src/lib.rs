@@ -28,6 +28,8 @@ pub const MAX_SLOTS: usize = manduca_protocol::worker::MAX_BATCH;
 pub struct Settings {
     /// Address of the coordinator, such as `http://127.0.0.1:8080`.
     pub coordinator: String,
+    /// What the coordinator asks for, if it does.
+    pub token: Option<http::Token>,
     /// Jobs computed at the same time, 1 to [`MAX_SLOTS`].
     pub slots: usize,
     /// Name for people, such as the host's.
@@ -38,6 +40,10 @@ pub struct Settings {
     pub arguments: Vec<String>,
     /// Longest wait of one request for work.
     pub poll: Duration,
+    /// How long it stays without a job; for ever where none.
+    pub idle_exit: Option<Duration>,
+    /// How long it takes jobs; for ever where none. Then it finishes what runs and leaves.
+    pub max_runtime: Option<Duration>,
     /// How long a draining worker tries to deliver to a coordinator which does not answer.
     pub drain_patience: Duration,
 }
@@ -47,11 +53,14 @@ impl Settings {
     pub fn new(coordinator: impl Into<String>, program: impl Into<PathBuf>) -> Self {
         Self {
             coordinator: coordinator.into(),
+            token: None,
             slots: std::thread::available_parallelism().map_or(1, usize::from).min(MAX_SLOTS),
             name: "worker".into(),
             program: program.into(),
             arguments: vec!["slot".into()],
             poll: Duration::from_secs(10),
+            idle_exit: None,
+            max_runtime: None,
             drain_patience: Duration::from_secs(60),
         }
     }
@@ -100,6 +109,6 @@ pub async fn run(settings: Settings, shutdown: Shutdown) -> Result<Summary, Work
     if !(1..=MAX_SLOTS).contains(&settings.slots) {
         return Err(WorkerError::Settings(format!("slots: {} is outside 1 to {MAX_SLOTS}", settings.slots)));
     }
-    let http = http::Http::new(&settings.coordinator).map_err(WorkerError::Settings)?;
+    let http = http::Http::with_token(&settings.coordinator, settings.token.as_ref()).map_err(WorkerError::Settings)?;
     agent::Agent::new(settings, http, shutdown).run().await
 }

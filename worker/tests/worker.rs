@@ -164,3 +164,21 @@ async fn large_tasks_are_fetched() {
     shutdown.drain.cancel();
     worker.await.unwrap().unwrap();
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_leaves_by_itself_when_idle_or_when_its_time_is_over() {
+    let coordinator = Coordinator::start().await;
+    coordinator.queue(1..=3);
+    let mut idle = settings(&coordinator, &answers(DONE));
+    idle.idle_exit = Some(Duration::from_secs(1));
+    let summary = tokio::time::timeout(Duration::from_secs(20), start(idle).1).await.unwrap();
+    assert_eq!(summary.unwrap().unwrap(), Summary { completed: 3, failed: 0, refused: 0 });
+
+    coordinator.queue(4..=5);
+    let slow = format!("while read task; do sleep 2; echo '{DONE}'; done");
+    let mut timed = settings(&coordinator, &slow);
+    timed.max_runtime = Some(Duration::from_millis(500));
+    let summary = tokio::time::timeout(Duration::from_secs(20), start(timed).1).await.unwrap();
+    assert_eq!(summary.unwrap().unwrap().completed, 2, "what it had taken it finished");
+    coordinator.see(|s| assert_eq!(s.left, 2));
+}

@@ -13,6 +13,8 @@ pub enum BenchCommand {
     Surrogate(BenchSurrogateArgs),
     /// What features, methods, ensembles and samples are worth: errors on a second dataset.
     Accuracy(BenchAccuracyArgs),
+    /// The coordinator: jobs leased and taken back per second, and what idle workers cost.
+    Queue(BenchQueueArgs),
 }
 
 /// `manduca bench solver`.
@@ -116,6 +118,35 @@ pub struct BenchAccuracyArgs {
     #[arg(long, default_value_t = 6)]
     pub patience: usize,
     /// Print one JSON object per row.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca bench queue`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Starts a coordinator as a process of its own and plays the workers: each exchange returns
+results of 1 KB, on disk before they are acknowledged, and takes as many jobs. The clients
+share this machine's cores with it. Each number is the best of --runs.
+
+Examples:
+  manduca bench queue --json
+  manduca bench queue --jobs 1000000        with a million jobs in the store
+  manduca bench queue --folder /data        on the disk which is to be used")]
+pub struct BenchQueueArgs {
+    /// Jobs in the store when a run begins.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub jobs: u64,
+    /// Runs per batch size.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub runs: u32,
+    /// Workers which wait for work; 0 leaves this out.
+    #[arg(long, value_name = "N", default_value_t = 5000)]
+    pub idle: usize,
+    /// Folder of the databases, which are removed afterwards.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub folder: PathBuf,
+    /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
 }

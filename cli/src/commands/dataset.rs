@@ -6,13 +6,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 
-use crate::api::Api;
 use crate::args::{DatasetArgs, DatasetFormat};
 use crate::output::{Output, note};
 
 /// Writes a dataset as it arrives, so that its size does not matter.
 pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
     let media_type = match args.format {
         DatasetFormat::Csv => "text/csv",

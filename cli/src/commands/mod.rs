@@ -2,6 +2,8 @@
 
 mod bench;
 mod dataset;
+mod db;
+mod doctor;
 mod dry_run;
 mod host;
 mod lists;
@@ -13,7 +15,9 @@ mod run;
 mod serve;
 mod simulate;
 mod study;
+mod token;
 mod worker;
+mod workers;
 
 use std::process::ExitCode;
 
@@ -28,12 +32,17 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Serve(args) => serve::serve(args).await,
         Command::Healthcheck(args) => serve::healthcheck(args).await,
         Command::Worker(args) => worker::worker(args).await,
+        Command::Token(command) => token::token(command).await,
+        Command::Db(command) => db::db(command).await,
+        Command::Workers(command) => workers::workers(command).await,
+        Command::Explain(args) => workers::explain(args).await,
+        Command::Doctor(args) => doctor::doctor(args).await,
         Command::Study(command) => study::dispatch(command).await,
         Command::Optimum(args) => study::optimum(args).await,
         Command::Optimise(args) => optimise::optimise(args).await,
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
-        Command::Bench(command) => bench::bench(&command),
+        Command::Bench(command) => bench::bench(&command).await,
         Command::Report(command) => report::report(&command).await,
         Command::Insects(args) => lists::insects(&args),
         Command::Settings(args) => lists::settings(&args),

@@ -6,7 +6,6 @@ use anyhow::{Context, Result};
 use manduca_protocol::study::{self, OptimisationSpec};
 
 use super::study::watch;
-use crate::api::Api;
 use crate::args::{Method, OptimiseArgs};
 use crate::exit::refused;
 use crate::output::{Output, note};
@@ -14,7 +13,7 @@ use crate::output::{Output, note};
 /// Asks a study for a further optimum.
 pub async fn optimise(args: OptimiseArgs) -> Result<ExitCode> {
     let spec = specification(&args)?;
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
     let added = api.add_optimisation(id, &spec).await?;
     if args.wait {

@@ -17,7 +17,7 @@ use crate::render;
 
 /// Fetches a study and writes its document.
 pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
     let study = fetched(&api, id).await?;
     let five = match (&args.direct, &args.five) {

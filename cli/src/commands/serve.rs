@@ -6,16 +6,16 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use manduca_server::Config;
+use manduca_server::{Access, Config, Secret};
 use tokio::net::{TcpListener, lookup_host};
 
 use crate::args::{HealthcheckArgs, ServeArgs};
 use crate::exit::refused;
 use crate::output::note;
-use crate::signals;
+use crate::{signals, token};
 
 /// Name of the database in its folder.
-const DATABASE: &str = "manduca.db";
+pub const DATABASE: &str = "manduca.db";
 /// How long a health check waits.
 const HEALTHY_WITHIN: Duration = Duration::from_secs(3);
 
@@ -31,14 +31,11 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
         Ok(addresses) => addresses.collect(),
         Err(error) => return Err(refused(format!("--listen {}: {error}", args.listen))),
     };
-    if !args.insecure && addresses.iter().any(|a| !a.ip().is_loopback()) {
-        return Err(refused(format!(
-            "--listen {}: others can reach this address, and there is no authentication yet; \
-             add --insecure if the network is to be trusted",
-            args.listen
-        )));
-    }
-    let config = config(&args.data)?;
+    let mut config = config(&args.data)?;
+    config.access = access(&args, addresses.iter().any(|a| !a.ip().is_loopback())).await?;
+    config.run_limits.simulate = Duration::from_secs_f64(args.run_limit);
+    config.keep = args.keep_days.map(|days| Duration::from_secs_f64(days * 86_400.0));
+    config.connections = connections(config.connections);
     let listener =
         TcpListener::bind(&addresses[..]).await.with_context(|| format!("cannot listen on {}", args.listen))?;
     note(format_args!("listening on http://{}, database {}", listener.local_addr()?, config.database.display()));
@@ -48,6 +45,47 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
         () = shutdown.stop.cancelled() => note("stopped at once; whatever was committed is kept"),
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether tokens are asked for: at addresses others can reach, and wherever one is given.
+async fn access(args: &ServeArgs, reachable: bool) -> Result<Access> {
+    let given = token::given(args.token_file.as_deref())?;
+    if args.insecure {
+        if given.is_some() {
+            note("--insecure: the token given is not asked for");
+        }
+        return Ok(Access::Open);
+    }
+    let given: Vec<_> = match given.map(|text| Secret::new(&text)).transpose() {
+        Ok(given) => given.iter().map(Secret::hash).collect(),
+        Err(why) => return Err(refused(format!("the token given: {why}"))),
+    };
+    if !reachable && !args.require_tokens && given.is_empty() {
+        return Ok(Access::Open);
+    }
+    if given.is_empty() {
+        let mut database = super::token::open(&args.data).await?;
+        let none = database.tokens().await?.iter().all(|token| token.revoked_at.is_some());
+        database.close().await;
+        if none {
+            return Err(refused(format!(
+                "--listen {}: tokens are to be asked for, and there is none. `manduca token create NAME --scope admin` \
+                 makes one, MANDUCA_TOKEN or --token-file gives one; --insecure asks for none, on a network to be trusted",
+                args.listen
+            )));
+        }
+    }
+    Ok(Access::Tokens(given))
+}
+
+/// As many connections as wanted, or as the system lets this process have open.
+fn connections(wanted: usize) -> usize {
+    // Files of the database, the listener, logs.
+    const OTHERS: u64 = 64;
+    match rlimit::increase_nofile_limit(wanted as u64 + OTHERS) {
+        Ok(files) => usize::try_from(files.saturating_sub(OTHERS)).unwrap_or(wanted).clamp(16, wanted),
+        Err(_) => wanted,
+    }
 }
 
 /// Whether a coordinator is well.

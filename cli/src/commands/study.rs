@@ -22,7 +22,7 @@ pub async fn dispatch(command: StudyCommand) -> Result<ExitCode> {
         StudyCommand::List(args) => list(args).await,
         StudyCommand::Show(args) => show(args).await,
         StudyCommand::Watch(args) => {
-            let api = Api::new(&args.coordinator.url)?;
+            let api = args.coordinator.api()?;
             let id = api.find(&args.study).await?;
             watch(&api, id, args.json).await
         }
@@ -35,7 +35,7 @@ pub async fn dispatch(command: StudyCommand) -> Result<ExitCode> {
 
 /// Prints the optima of a study.
 pub async fn optimum(args: TargetArgs) -> Result<ExitCode> {
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let result = api.result(api.find(&args.study).await?).await?;
     let mut out = Output::stdout();
     if args.json {
@@ -53,7 +53,7 @@ async fn submit(args: SubmitArgs) -> Result<ExitCode> {
     if args.dry_run {
         return dry_run::dry_run(&args, &spec);
     }
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let mut out = Output::stdout();
     let id = api.submit(&spec, args.idempotency_key.as_deref()).await?;
     if args.wait {
@@ -70,7 +70,7 @@ async fn submit(args: SubmitArgs) -> Result<ExitCode> {
 }
 
 async fn list(args: ListArgs) -> Result<ExitCode> {
-    let studies = Api::new(&args.coordinator.url)?.studies().await?;
+    let studies = args.coordinator.api()?.studies().await?;
     let mut out = Output::stdout();
     if args.json {
         out.json(&serde_json::json!({ "studies": studies }))?;
@@ -88,7 +88,7 @@ async fn list(args: ListArgs) -> Result<ExitCode> {
 }
 
 async fn show(args: TargetArgs) -> Result<ExitCode> {
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let view = api.study(api.find(&args.study).await?).await?;
     let mut out = Output::stdout();
     if args.json {
@@ -159,7 +159,7 @@ pub(super) async fn watch(api: &Api, id: StudyId, json: bool) -> Result<ExitCode
 }
 
 async fn act(args: TargetArgs, action: &str) -> Result<ExitCode> {
-    let api = Api::new(&args.coordinator.url)?;
+    let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
     api.act(id, action).await?;
     let view = api.study(id).await?;

@@ -1,6 +1,7 @@
 //! `manduca worker`.
 
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use manduca_worker::Settings;
@@ -21,7 +22,10 @@ pub fn settings(coordinator: String, slots: Option<usize>, name: Option<String>)
 
 /// Works until told to leave.
 pub async fn worker(args: WorkerArgs) -> Result<ExitCode> {
-    let settings = settings(args.coordinator.url, args.slots, args.name)?;
+    let mut settings = settings(args.coordinator.url.clone(), args.slots, args.name)?;
+    settings.token = args.coordinator.token()?;
+    settings.idle_exit = args.idle_exit.map(Duration::from_secs_f64);
+    settings.max_runtime = args.max_runtime.map(Duration::from_secs_f64);
     let summary = manduca_worker::run(settings, signals::shutdown()).await?;
     note(format_args!(
         "{} jobs done, {} attempts failed, {} results refused",

@@ -88,6 +88,10 @@ pub(crate) fn parse<T: Accepted>(bytes: &[u8]) -> Result<T, ApiError> {
     if bytes.trim_ascii_start().starts_with(b"[") {
         return Err(T::refuse(vec![FieldProblem::new("", "must be an object, not an array")]));
     }
+    // Following the path costs as much as parsing: only what is refused is parsed with it.
+    if let Ok(value) = serde_json::from_slice(bytes) {
+        return Ok(value);
+    }
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
         let path = pointer(error.path());

@@ -1,7 +1,8 @@
-//! What lies between HTTP and the handlers: bodies, paths, queries, cursors and
+//! What lies between HTTP and the handlers: connections, bodies, paths, queries, cursors and
 //! entity tags, each with its refusals.
 
 pub(crate) mod body;
+pub(crate) mod connection;
 pub(crate) mod cursor;
 pub(crate) mod etag;
 pub(crate) mod parts;

@@ -1,26 +1,28 @@
 //! One round trip of a worker.
 
-use std::collections::HashMap;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
-use manduca_protocol::ids::{StudyId, WorkerId};
+use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::study::StudySpec;
-use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Lease, MAX_BATCH, MAX_WAIT_S, Renewal};
+use manduca_protocol::task::JobResult;
+use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, MAX_BATCH, MAX_WAIT_S, Renewal};
 use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::compose;
+use crate::config::Config;
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
 use crate::prepare::prepare;
 use crate::state::AppState;
-use crate::store::{Exchange, Exchanged, Leased, Prepared, PreparedRenewal, StoreError};
+use crate::store::{Exchange, Exchanged, Prepared, PreparedRenewal, StoreError};
+
+/// Most results of simulations prepared on a thread which serves: a millisecond's work.
+const FEW: usize = 128;
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(exchange))
@@ -54,7 +56,9 @@ async fn exchange(
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
     let first = Exchange { worker, complete, fail: request.fail, renew, want: give(want) };
-    let mut told = state.store().run(first).await?;
+    let began = Instant::now();
+    let mut told = state.store().exchange(first).await?;
+    state.metrics().exchanged(began.elapsed());
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
         tokio::select! {
@@ -65,9 +69,10 @@ async fn exchange(
         notified.set(state.ready().notified());
         notified.as_mut().enable();
         let again = Exchange { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), want: give(want) };
-        told.leased = state.store().run(again).await?.leased;
+        let news = state.store().exchange(again).await?;
+        (told.leased, told.drain) = (news.leased, news.drain);
     }
-    Ok(Json(response(told)?))
+    Ok(Json(response(told, state.config())?))
 }
 
 fn check(request: &ExchangeRequest) -> Result<(), ApiError> {
@@ -89,44 +94,32 @@ fn check(request: &ExchangeRequest) -> Result<(), ApiError> {
     if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
 }
 
-/// Results and checkpoints are serialised and compressed off the threads which serve.
+/// Results and checkpoints are serialised and compressed before they queue, large ones off the
+/// threads which serve.
 async fn prepare_all(
     completions: Vec<Completion>,
     renewals: Vec<Renewal>,
 ) -> Result<(Vec<Prepared>, Vec<PreparedRenewal>), ApiError> {
-    if completions.is_empty() && renewals.iter().all(|r| r.checkpoint.is_none()) {
-        return Ok((Vec::new(), renewals.into_iter().map(PreparedRenewal::new).collect()));
-    }
-    let prepared = tokio::task::spawn_blocking(|| {
+    let small = |completion: &Completion| matches!(completion.result, JobResult::Simulate(_));
+    let is_small = completions.len() <= FEW
+        && completions.iter().all(small)
+        && renewals.iter().all(|renewal| renewal.checkpoint.is_none());
+    let prepare = || {
         let complete = completions.into_iter().map(prepare).collect::<Result<_, _>>()?;
         Ok((complete, renewals.into_iter().map(PreparedRenewal::new).collect()))
-    });
-    prepared.await.map_err(|e| ApiError::Internal(Box::new(e)))?
+    };
+    if is_small {
+        return prepare();
+    }
+    tokio::task::spawn_blocking(prepare).await.map_err(|e| ApiError::Internal(Box::new(e)))?
 }
 
-fn response(told: Exchanged) -> Result<ExchangeResponse, StoreError> {
+fn response(told: Exchanged, config: &Config) -> Result<ExchangeResponse, StoreError> {
     Ok(ExchangeResponse {
         accepted: told.accepted,
         rejected: told.rejected,
-        jobs: leases(&told.leased)?,
+        jobs: told.leased.iter().map(|leased| compose::lease(leased, &config.run_limits)).collect::<Result<_, _>>()?,
         cancel: told.cancel,
-        drain: false,
+        drain: told.drain,
     })
-}
-
-/// The leases with their tasks; each study's specification is parsed once.
-fn leases(leased: &[Leased]) -> Result<Vec<Lease>, StoreError> {
-    let mut specs: HashMap<StudyId, Arc<StudySpec>> = HashMap::new();
-    let mut leases = Vec::with_capacity(leased.len());
-    for job in leased {
-        let spec = match specs.get(&job.study) {
-            Some(spec) => spec.clone(),
-            None => {
-                let spec = serde_json::from_str(&job.spec).map_err(|e| StoreError::Corrupt(e.to_string()))?;
-                specs.entry(job.study).or_insert(Arc::new(spec)).clone()
-            }
-        };
-        leases.push(compose::lease(job, &spec)?);
-    }
-    Ok(leases)
 }

@@ -4,6 +4,7 @@ use axum::Json;
 use axum::extract::State;
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::problem::Problem;
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 use serde::Serialize;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -19,9 +20,18 @@ struct Health {
     status: &'static str,
     /// Version of the numbers.
     solver_version: &'static str,
+    /// Oldest version of the exchange which is taken.
+    oldest_protocol_version: u32,
+    /// Newest.
+    protocol_version: u32,
 }
 
-const OK: Health = Health { status: "ok", solver_version: SOLVER_VERSION };
+const OK: Health = Health {
+    status: "ok",
+    solver_version: SOLVER_VERSION,
+    oldest_protocol_version: OLDEST_PROTOCOL_VERSION,
+    protocol_version: PROTOCOL_VERSION,
+};
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz))
@@ -33,12 +43,15 @@ async fn healthz() -> Json<Health> {
     Json(OK)
 }
 
-/// The database answers too.
+/// The database answers too, and takes writes.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 200, body = Health),
     (status = 503, body = Problem, content_type = "application/problem+json"),
 ))]
 async fn readyz(State(state): State<AppState>) -> Result<Json<Health>, ApiError> {
     state.store().ping().await?;
+    if state.store().is_failing() {
+        return Err(ApiError::Unavailable("the last write was refused".into()));
+    }
     Ok(Json(OK))
 }

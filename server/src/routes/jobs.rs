@@ -80,7 +80,7 @@ fn position(text: &str) -> Result<(String, i64), ApiError> {
 fn roles(kind: JobKind) -> Vec<&'static str> {
     match kind {
         JobKind::Simulate => {
-            [JobRole::Sample, JobRole::Verify, JobRole::Probe, JobRole::Individual].map(role_name).to_vec()
+            [JobRole::Sample, JobRole::Verify, JobRole::Probe, JobRole::Individual, JobRole::Audit].map(role_name).to_vec()
         }
         JobKind::Train => vec![role_name(JobRole::Train)],
         JobKind::Optimise => vec![role_name(JobRole::Optimise)],
@@ -106,7 +106,7 @@ async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
     let store = state.store();
     let row = store.task_row(job).await?;
     let task = match row.role {
-        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual => {
+        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual | JobRole::Audit => {
             let parameters = row.parameters.unwrap_or_default();
             compose::simulation(&row.spec, row.role, row.ordinal, &parameters)?
         }

@@ -11,6 +11,7 @@ mod optimum;
 mod studies;
 mod submit;
 mod surrogate;
+mod watch;
 mod workers;
 
 use utoipa_axum::router::OpenApiRouter;
@@ -31,6 +32,7 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(optimum::router())
         .merge(workers::router())
         .merge(exchange::router())
+        .merge(watch::router())
         .merge(health::router())
 }
 

@@ -7,7 +7,7 @@ use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::view::WorkerView;
-use manduca_protocol::worker::{PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -15,7 +15,7 @@ use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
 use crate::state::AppState;
-use crate::store::{Deregister, Register};
+use crate::store::{Deregister, Drain, Register};
 
 /// Most slots of one worker.
 const MOST_SLOTS: u32 = 4096;
@@ -23,7 +23,11 @@ const MOST_SLOTS: u32 = 4096;
 const LONGEST_NAME: usize = 200;
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
-    OpenApiRouter::new().routes(routes!(register)).routes(routes!(list)).routes(routes!(deregister))
+    OpenApiRouter::new()
+        .routes(routes!(register))
+        .routes(routes!(list))
+        .routes(routes!(deregister))
+        .routes(routes!(drain))
 }
 
 /// A worker introduces itself. Only workers of the same exchange and the same
@@ -41,8 +45,8 @@ async fn register(
     State(state): State<AppState>,
     JsonBody(request): JsonBody<RegisterRequest>,
 ) -> Result<(StatusCode, Json<RegisterResponse>), ApiError> {
-    if request.protocol_version != PROTOCOL_VERSION {
-        return Err(ApiError::ProtocolVersion { theirs: request.protocol_version, ours: PROTOCOL_VERSION });
+    if !(OLDEST_PROTOCOL_VERSION..=PROTOCOL_VERSION).contains(&request.protocol_version) {
+        return Err(ApiError::ProtocolVersion { theirs: request.protocol_version });
     }
     if request.solver_version != SOLVER_VERSION {
         return Err(ApiError::SolverVersion { theirs: request.solver_version, ours: SOLVER_VERSION });
@@ -87,4 +91,14 @@ async fn list(State(state): State<AppState>) -> Result<Json<Vec<WorkerView>>, Ap
 async fn deregister(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
     state.store().run(Deregister { worker }).await?;
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// Asks a worker to finish what it has and leave. It is told in its next exchange.
+#[utoipa::path(post, path = "/v1/workers/{worker}/drain", tag = "workers", params(("worker" = WorkerId, Path)), responses(
+    (status = 202, description = "It will be told"),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+async fn drain(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
+    state.store().run(Drain { worker }).await?;
+    Ok(StatusCode::ACCEPTED)
 }

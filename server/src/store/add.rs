@@ -39,6 +39,7 @@ impl Operation for AddOptimisation {
             }
         }
         insert(work, study, row.optimisations, &self.spec).await?;
+        work.specs.clear();
         begin(work, &row, Stage::Optimising).await?;
         // Its generations may have been flown for another study.
         advance(work, study).await?;

@@ -1,5 +1,7 @@
 //! A study moves from stage to stage, inside the operation whose change lets it.
 
+use std::collections::BTreeSet;
+
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve;
@@ -55,6 +57,41 @@ pub(super) async fn find_study(db: &mut SqliteConnection, study: i64) -> Result<
         next_sample: unsigned(raw.next_sample)?,
         optimisations: raw.optimisations,
     })
+}
+
+/// Moves on those of these studies which have no open job left in their stage.
+pub(super) async fn advance_ended(work: &mut Work<'_>, studies: &BTreeSet<i64>) -> Result<(), StoreError> {
+    if studies.is_empty() {
+        return Ok(());
+    }
+    let mut open = BTreeSet::new();
+    for (study, stage, role) in list_open(work.db, studies).await? {
+        if named::<Stage>(&stage)?.roles().contains(&named(&role)?) {
+            open.insert(study);
+        }
+    }
+    for &study in studies.difference(&open) {
+        advance(work, study).await?;
+    }
+    Ok(())
+}
+
+/// For each of these studies which moves, its stage and the roles of which it has open jobs.
+async fn list_open(
+    db: &mut SqliteConnection,
+    studies: &BTreeSet<i64>,
+) -> Result<Vec<(i64, String, String)>, StoreError> {
+    let studies = serde_json::to_string(studies).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    let open = sqlx::query_as(
+        "select s.study, s.stage, c.role
+         from json_each(?) as d cross join studies as s on s.study = d.value
+         cross join study_counts as c on c.study = s.study
+         where c.state in ('ready', 'delayed', 'leased') and c.n > 0",
+    )
+    .bind(studies)
+    .fetch_all(db)
+    .await?;
+    Ok(open)
 }
 
 /// Moves a study as far as its finished jobs allow.

@@ -17,7 +17,7 @@ pub(crate) fn pack(json: Vec<u8>) -> Result<Vec<u8>, std::io::Error> {
 }
 
 /// The JSON of a stored body.
-pub(super) fn unpack(body: Vec<u8>) -> Result<Vec<u8>, StoreError> {
+pub(crate) fn unpack(body: Vec<u8>) -> Result<Vec<u8>, StoreError> {
     if !body.starts_with(&ZSTD_MAGIC) {
         return Ok(body);
     }

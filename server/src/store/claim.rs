@@ -1,12 +1,17 @@
 //! Ready jobs are leased.
 
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
 
-use super::names::{named, unsigned, uuid};
+use super::names::{named, role_name, unsigned};
 use super::{StoreError, Work};
-use crate::event::Event;
+use crate::http::cursor::hex;
 
 /// A job just leased, with what its task is composed from.
 #[derive(Debug, Clone)]
@@ -18,85 +23,140 @@ pub(crate) struct Leased {
     pub(crate) ordinal: u32,
     /// Of a simulation.
     pub(crate) parameters: Option<String>,
-    /// The study's specification, JSON.
-    pub(crate) spec: std::sync::Arc<str>,
+    /// What is asked of the study.
+    pub(crate) spec: Arc<StudySpec>,
 }
 
-/// Leases at most `want` jobs to a worker: first what brings a study nearer to
-/// its end (one training frees a whole study, one sample does not), then samples
-/// of the oldest study.
-pub(super) async fn claim(work: &mut Work<'_>, worker: WorkerId, want: u32) -> Result<Vec<Leased>, StoreError> {
-    let mut leased = Vec::new();
-    if want == 0 {
-        return Ok(leased);
+/// Leases ready jobs to these workers in turn, one each, as far as there are
+/// any: first what brings a study nearer to its end (one training frees a whole
+/// study, one sample does not), then samples of the oldest study, last audits,
+/// each to another worker than its sample.
+pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
+    let mut given = Vec::new();
+    if workers.is_empty() {
+        return Ok(given);
     }
-    for (study, role) in list_claimable(work.db, want).await? {
-        let left = want as usize - leased.len();
-        if left == 0 {
+    for (study, role) in list_claimable(work.db, workers.len()).await? {
+        let left = &workers[given.len()..];
+        if left.is_empty() {
             break;
         }
-        let rows = lease_jobs(work, worker, study, &role, left).await?;
-        if rows.is_empty() {
-            continue;
-        }
-        let (id, spec) = find_spec(work.db, study).await?;
-        let (id, spec, role) = (StudyId(uuid(&id)?), std::sync::Arc::<str>::from(spec), named::<JobRole>(&role)?);
-        for (job, attempt, ordinal, parameters) in rows {
-            leased.push(Leased {
-                job: JobId(job),
-                attempt: unsigned(attempt)?,
-                study: id,
-                role,
-                ordinal: unsigned(ordinal)?,
-                parameters,
-                spec: spec.clone(),
+        let role = named::<JobRole>(&role)?;
+        let rows = match role {
+            JobRole::Audit => list_audits(work.db, study, left).await?,
+            _ => list_ready(work.db, study, role, left.len()).await?.into_iter().map(Some).collect(),
+        };
+        for row in rows {
+            given.push(match row {
+                Some(row) => Some(leased(work, study, role, row).await?),
+                None => None,
             });
         }
+        if role == JobRole::Audit {
+            break;
+        }
     }
-    if !leased.is_empty() {
-        work.events.push(Event::Leased { worker, jobs: leased.len() });
+    let holders: Vec<_> =
+        given.iter().zip(workers).filter_map(|(l, w)| Some((l.as_ref()?.job.0, hex(w.0.as_bytes())))).collect();
+    if !holders.is_empty() {
+        lease_jobs(work, &holders).await?;
     }
-    Ok(leased)
+    Ok(given)
 }
 
-async fn list_claimable(db: &mut SqliteConnection, limit: u32) -> Result<Vec<(i64, String)>, StoreError> {
+async fn leased(work: &mut Work<'_>, study: i64, role: JobRole, row: ReadyRow) -> Result<Leased, StoreError> {
+    let (study, spec) = work.specs.of(work.db, study).await?;
+    let (job, attempt, ordinal, parameters) = row;
+    let (attempt, ordinal) = (unsigned(attempt + 1)?, unsigned(ordinal)?);
+    Ok(Leased { job: JobId(job), attempt, study, role, ordinal, parameters, spec })
+}
+
+/// An audit for each of these workers, none where it would audit itself.
+async fn list_audits(
+    db: &mut SqliteConnection,
+    study: i64,
+    workers: &[WorkerId],
+) -> Result<Vec<Option<ReadyRow>>, StoreError> {
+    let (mut taken, mut found) = (HashSet::new(), Vec::with_capacity(workers.len()));
+    let mut offers: HashMap<WorkerId, Vec<ReadyRow>> = HashMap::new();
+    for &worker in workers {
+        let offered = match offers.entry(worker) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => entry.insert(list_audits_for(db, study, worker, workers.len()).await?),
+        };
+        let audit = offered.iter().position(|row| !taken.contains(&row.0)).map(|i| offered.swap_remove(i));
+        taken.extend(audit.as_ref().map(|row| row.0));
+        found.push(audit);
+    }
+    Ok(found)
+}
+
+async fn list_audits_for(
+    db: &mut SqliteConnection,
+    study: i64,
+    worker: WorkerId,
+    limit: usize,
+) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
-        "select c.study, c.role from study_counts as c join studies as s on s.study = c.study
-         where c.state = 'ready' and c.n > 0 and s.condition = 'running'
-         order by c.role = 'sample', c.study limit ?",
+        "select a.job, a.attempt, a.ordinal, a.parameters
+         from jobs as a join jobs as s on s.study = a.study and s.role = 'sample' and s.ordinal = a.ordinal
+         join results as r on r.job = s.job
+         where a.state = 'ready' and a.study = ? and a.role = 'audit' and r.worker <> ?
+         order by a.ordinal limit ?",
     )
-    .bind(limit)
+    .bind(study)
+    .bind(worker.0.as_bytes().as_slice())
+    .bind(limit as i64)
     .fetch_all(db)
     .await?;
     Ok(rows)
 }
 
-type LeasedRow = (i64, i64, i64, Option<String>);
-
-async fn lease_jobs(
-    work: &mut Work<'_>,
-    worker: WorkerId,
-    study: i64,
-    role: &str,
-    limit: usize,
-) -> Result<Vec<LeasedRow>, StoreError> {
-    let mut rows: Vec<LeasedRow> = sqlx::query_as(
-        "update jobs set state = 'leased', attempt = attempt + 1, worker = ?1, lease_until_ms = ?2, progress = null
-         where job in (select job from jobs where state = 'ready' and study = ?3 and role = ?4
-                       order by ordinal limit ?5)
-         returning job, attempt, ordinal, parameters",
+async fn list_claimable(db: &mut SqliteConnection, limit: usize) -> Result<Vec<(i64, String)>, StoreError> {
+    let rows = sqlx::query_as(
+        "select c.study, c.role from study_counts as c join studies as s on s.study = c.study
+         where c.state = 'ready' and c.n > 0
+           and (s.condition = 'running' or c.role = 'audit' and s.condition = 'succeeded')
+         order by c.role = 'audit', c.role = 'sample', c.study limit ?",
     )
-    .bind(worker.0.as_bytes().as_slice())
-    .bind(work.now + work.config.lease_ms())
-    .bind(study)
-    .bind(role)
     .bind(limit as i64)
-    .fetch_all(&mut *work.db)
+    .fetch_all(db)
     .await?;
-    rows.sort_unstable_by_key(|row| row.2);
     Ok(rows)
 }
 
-async fn find_spec(db: &mut SqliteConnection, study: i64) -> Result<(Vec<u8>, String), StoreError> {
-    Ok(sqlx::query_as("select id, spec from study_specs where study = ?").bind(study).fetch_one(db).await?)
+type ReadyRow = (i64, i64, i64, Option<String>);
+
+/// Nobody else writes between this and the lease.
+async fn list_ready(
+    db: &mut SqliteConnection,
+    study: i64,
+    role: JobRole,
+    limit: usize,
+) -> Result<Vec<ReadyRow>, StoreError> {
+    let rows = sqlx::query_as(
+        "select job, attempt, ordinal, parameters from jobs
+         where state = 'ready' and study = ? and role = ? order by ordinal limit ?",
+    )
+    .bind(study)
+    .bind(role_name(role))
+    .bind(limit as i64)
+    .fetch_all(db)
+    .await?;
+    Ok(rows)
+}
+
+async fn lease_jobs(work: &mut Work<'_>, holders: &[(i64, String)]) -> Result<(), StoreError> {
+    let holders = serde_json::to_string(holders).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    sqlx::query(
+        "update jobs set state = 'leased', attempt = attempt + 1, worker = unhex(d.value ->> 1), lease_until_ms = ?1,
+                         leased_ms = ?3, progress = null
+         from json_each(?2) as d where jobs.job = d.value ->> 0",
+    )
+    .bind(work.now + work.config.lease_ms())
+    .bind(holders)
+    .bind(work.now)
+    .execute(&mut *work.db)
+    .await?;
+    Ok(())
 }

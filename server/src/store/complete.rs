@@ -1,15 +1,16 @@
 //! A result comes in: taken, known already, or refused.
 
+use std::collections::HashMap;
+
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::task::{JobKind, Provenance};
 use manduca_protocol::view::{JobRole, JobState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::evidence::{Class, refuse};
-use super::fail::fail_attempt;
-use super::names::{kind_of, named, state_name, unsigned, uuid};
+use super::fail::{Cause, fail_attempt};
+use super::names::{kind_of, named, unsigned, uuid};
 use super::{StoreError, Work};
-use crate::event::Event;
 
 /// A result as it goes into the store, checked and serialised before it queues.
 #[derive(Debug, Clone)]
@@ -72,15 +73,24 @@ struct RawJob {
 
 /// A job by its number.
 pub(super) async fn find_job(db: &mut SqliteConnection, job: JobId) -> Result<Option<JobRow>, StoreError> {
-    let raw: Option<RawJob> = sqlx::query_as(
+    Ok(find_jobs(db, &[job]).await?.remove(&job))
+}
+
+/// Jobs by their numbers; those which do not exist are missing.
+pub(super) async fn find_jobs(db: &mut SqliteConnection, jobs: &[JobId]) -> Result<HashMap<JobId, JobRow>, StoreError> {
+    let jobs = serde_json::to_string(jobs).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    let rows: Vec<RawJob> = sqlx::query_as(
         "select j.job, j.study, s.id, j.role, j.state, j.attempt, j.failures, j.worker, j.key
-         from jobs as j join studies as s on s.study = j.study where j.job = ?",
+         from json_each(?) as d cross join jobs as j on j.job = d.value cross join studies as s on s.study = j.study",
     )
-    .bind(job.0)
-    .fetch_optional(db)
+    .bind(jobs)
+    .fetch_all(db)
     .await?;
-    let Some(raw) = raw else { return Ok(None) };
-    Ok(Some(JobRow {
+    rows.into_iter().map(|raw| row(raw).map(|job| (job.job, job))).collect()
+}
+
+fn row(raw: RawJob) -> Result<JobRow, StoreError> {
+    Ok(JobRow {
         job: JobId(raw.job),
         study: raw.study,
         study_id: StudyId(uuid(&raw.id)?),
@@ -90,28 +100,49 @@ pub(super) async fn find_job(db: &mut SqliteConnection, job: JobId) -> Result<Op
         failures: unsigned(raw.failures)?,
         worker: raw.worker,
         key: raw.key,
-    }))
+    })
 }
 
-/// What became of a result, and which studies it may move.
+/// The state a result puts its job into, if it is of the job's present attempt and fit for it.
+pub(super) fn verdict<'r>(job: &JobRow, worker: WorkerId, result: &'r Prepared) -> Option<(JobState, Option<&'r str>)> {
+    if !awaits(job, worker, result) || result.kind != kind_of(job.role) {
+        return None;
+    }
+    match &result.outcome {
+        Outcome::Succeeded => Some((JobState::Succeeded, None)),
+        Outcome::Infeasible(reason) => Some((JobState::Infeasible, Some(reason))),
+        Outcome::Unusable(_) => None,
+    }
+}
+
+/// Whether a job waits for this very attempt. A result just after expiry still
+/// is the present attempt's until another lease is given.
+fn awaits(job: &JobRow, worker: WorkerId, result: &Prepared) -> bool {
+    let waits = matches!(job.state, JobState::Leased | JobState::Delayed | JobState::Ready);
+    waits && job.is_held_by(worker, result.attempt)
+}
+
+/// What became of a result which is not simply stored.
 pub(super) enum Taken {
-    /// Stored; the studies whose jobs it finished.
-    Stored(Vec<i64>),
     /// Stored before.
     Replay,
-    /// Not stored; the study whose attempt thereby failed, if any.
-    Refused(String, Option<i64>),
+    /// Not stored.
+    Refused(String),
+    /// Not stored, and its attempt thereby failed; the study whose job it was.
+    Failed(String, i64),
 }
 
-/// Takes a result, if it is that of the job's present attempt.
+/// Judges a result without a [`verdict`].
 pub(super) async fn complete(work: &mut Work<'_>, worker: WorkerId, result: &Prepared) -> Result<Taken, StoreError> {
     let Some(job) = find_job(work.db, result.job).await? else {
-        return Ok(Taken::Refused("there is no such job".into(), None));
+        return Ok(Taken::Refused("there is no such job".into()));
     };
-    // A result just after expiry still is the present attempt's until another lease is given.
-    let waits = matches!(job.state, JobState::Leased | JobState::Delayed | JobState::Ready);
-    if waits && job.is_held_by(worker, result.attempt) {
-        return store_or_fail(work, worker, job, result).await;
+    if awaits(&job, worker, result) {
+        let why = match &result.outcome {
+            Outcome::Unusable(why) => why.clone(),
+            _ => format!("the worker returned the result of another kind of job, {:?}", result.kind),
+        };
+        return fail_unusable(work, worker, job, result, why).await;
     }
     let reason = match job.state {
         JobState::Succeeded | JobState::Infeasible => return compare(work, worker, &job, result).await,
@@ -120,40 +151,7 @@ pub(super) async fn complete(work: &mut Work<'_>, worker: WorkerId, result: &Pre
         _ => "this attempt is no longer the job's present one",
     };
     refuse(work, worker, result, Class::Refused, reason).await?;
-    Ok(Taken::Refused(reason.into(), None))
-}
-
-async fn store_or_fail(
-    work: &mut Work<'_>,
-    worker: WorkerId,
-    job: JobRow,
-    result: &Prepared,
-) -> Result<Taken, StoreError> {
-    let expected = kind_of(job.role);
-    let (state, reason) = match &result.outcome {
-        _ if result.kind != expected => {
-            let why = format!("the worker returned the result of another kind of job, {:?}", result.kind);
-            return fail_unusable(work, worker, job, result, why).await;
-        }
-        Outcome::Unusable(why) => return fail_unusable(work, worker, job, result, why.clone()).await,
-        Outcome::Succeeded => (JobState::Succeeded, None),
-        Outcome::Infeasible(reason) => (JobState::Infeasible, Some(reason.as_str())),
-    };
-    insert_result(work, worker, result).await?;
-    finish_job(work.db, job.job, state, reason).await?;
-    work.events.push(Event::Completed {
-        study: job.study_id,
-        job: job.job,
-        role: job.role,
-        worker,
-        outcome: state_name(state),
-        wall_s: result.provenance.wall_s,
-    });
-    let mut studies = vec![job.study];
-    if let Some(key) = &job.key {
-        studies.extend(share(work, job.job, key, state, reason).await?);
-    }
-    Ok(Taken::Stored(studies))
+    Ok(Taken::Refused(reason.into()))
 }
 
 async fn fail_unusable(
@@ -165,9 +163,9 @@ async fn fail_unusable(
 ) -> Result<Taken, StoreError> {
     refuse(work, worker, result, Class::Refused, &why).await?;
     if job.state == JobState::Leased {
-        fail_attempt(work, &job, &why).await?;
+        fail_attempt(work, &job, Cause::Failed(&why)).await?;
     }
-    Ok(Taken::Refused(why, Some(job.study)))
+    Ok(Taken::Failed(why, job.study))
 }
 
 /// A finished job's second result: the same, or evidence.
@@ -185,7 +183,7 @@ async fn compare(work: &mut Work<'_>, worker: WorkerId, job: &JobRow, result: &P
         (false, false) => (Class::Refused, "the job is finished, with a result of another instruction level"),
     };
     refuse(work, worker, result, class, reason).await?;
-    Ok(Taken::Refused(reason.into(), None))
+    Ok(Taken::Refused(reason.into()))
 }
 
 async fn find_digest(db: &mut SqliteConnection, job: JobId) -> Result<Option<(Vec<u8>, String)>, StoreError> {
@@ -197,69 +195,4 @@ async fn find_digest(db: &mut SqliteConnection, job: JobId) -> Result<Option<(Ve
     .fetch_optional(db)
     .await?;
     Ok(found)
-}
-
-async fn insert_result(work: &mut Work<'_>, worker: WorkerId, result: &Prepared) -> Result<(), StoreError> {
-    sqlx::query(
-        "insert into results (job, attempt, worker, digest, body, summary, wall_s, level, finished_ms)
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-    )
-    .bind(result.job.0)
-    .bind(result.attempt)
-    .bind(worker.0.as_bytes().as_slice())
-    .bind(result.digest.as_slice())
-    .bind(result.body.as_slice())
-    .bind(result.summary.as_deref())
-    .bind(result.provenance.wall_s)
-    .bind(&result.provenance.level)
-    .bind(work.now)
-    .execute(&mut *work.db)
-    .await?;
-    Ok(())
-}
-
-async fn finish_job(
-    db: &mut SqliteConnection,
-    job: JobId,
-    state: JobState,
-    reason: Option<&str>,
-) -> Result<(), StoreError> {
-    sqlx::query(
-        "update jobs set state = ?, reason = ?, lease_until_ms = null, not_before_ms = null, progress = null
-         where job = ?",
-    )
-    .bind(state_name(state))
-    .bind(reason)
-    .bind(job.0)
-    .execute(db)
-    .await?;
-    Ok(())
-}
-
-/// Finishes equal simulations which still wait, in whatever study: what has been
-/// flown once is not flown again. Those being flown are left to their workers.
-async fn share(
-    work: &mut Work<'_>,
-    from: JobId,
-    key: &[u8],
-    state: JobState,
-    reason: Option<&str>,
-) -> Result<Vec<i64>, StoreError> {
-    let shared: Vec<(i64, i64, Vec<u8>)> = sqlx::query_as(
-        "update jobs set state = ?1, reason = ?2, result_of = ?3, not_before_ms = null
-         where key = ?4 and state in ('ready', 'delayed') and job <> ?3
-         returning job, study, (select id from studies as s where s.study = jobs.study)",
-    )
-    .bind(state_name(state))
-    .bind(reason)
-    .bind(from.0)
-    .bind(key)
-    .fetch_all(&mut *work.db)
-    .await?;
-    let mut studies = Vec::with_capacity(shared.len());
-    for (job, study, id) in shared {
-        work.events.push(Event::Shared { study: StudyId(uuid(&id)?), job: JobId(job), from });
-        studies.push(study);
-    }
-    Ok(studies)
 }

@@ -1,9 +1,12 @@
 //! Refused results are kept for whoever looks into a fault, the newest of them.
 
-use manduca_protocol::ids::WorkerId;
+use manduca_protocol::ids::{JobId, WorkerId};
+use manduca_protocol::watch::EvidenceView;
 
 use super::complete::Prepared;
-use super::{StoreError, Work};
+use super::names::{unsigned, uuid};
+use super::{Store, StoreError, Work};
+use crate::clock::rfc3339;
 use crate::event::Event;
 
 /// Largest body kept, bytes as stored.
@@ -74,4 +77,26 @@ async fn insert_refused(
 async fn delete_refused_before(work: &mut Work<'_>, last: i64) -> Result<(), StoreError> {
     sqlx::query("delete from refused_results where refused <= ?").bind(last).execute(&mut *work.db).await?;
     Ok(())
+}
+
+type EvidenceRow = (i64, i64, Vec<u8>, String, String, String, i64);
+
+impl Store {
+    /// Evidence, the newest first.
+    pub(crate) async fn evidence(&self, class: Option<&str>, limit: u32) -> Result<Vec<EvidenceView>, StoreError> {
+        let rows: Vec<EvidenceRow> = sqlx::query_as(
+            "select job, attempt, worker, class, reason, level, refused_ms from refused_results
+             where ?1 is null or class = ?1 order by refused desc limit ?2",
+        )
+        .bind(class)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?;
+        rows.into_iter().map(view).collect()
+    }
+}
+
+fn view((job, attempt, worker, class, reason, level, at): EvidenceRow) -> Result<EvidenceView, StoreError> {
+    let (attempt, worker) = (unsigned(attempt)?, WorkerId(uuid(&worker)?));
+    Ok(EvidenceView { job: JobId(job), attempt, worker, class, reason, level, at: rfc3339(at) })
 }

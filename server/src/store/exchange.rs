@@ -1,18 +1,25 @@
-//! One round trip of a worker: everything it says and asks, in one operation.
+//! The round trips of workers. All exchanges which have queued up are taken
+//! together: what they say is found, stored and counted by one statement per
+//! kind of change, not one per job, because handing a statement to SQLite's
+//! thread costs more than most statements do.
 
-use std::collections::BTreeSet;
+mod audit;
+mod claims;
+mod renewals;
+mod results;
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::worker::{Failure, Rejected};
 
-use super::advance::advance;
+use super::advance::advance_ended;
 use super::checkpoint::PreparedRenewal;
-use super::claim::{Leased, claim};
-use super::complete::{Prepared, Taken, complete};
+use super::claim::Leased;
+use super::complete::Prepared;
 use super::fail::{Reported, fail};
-use super::renew::renew;
-use super::workers::{add_to_tally, touch};
-use super::{Operation, StoreError, Work};
+use super::workers::{Tally, add_to_tallies, touch};
+use super::{StoreError, Work};
 
 /// What a worker says and asks.
 pub(crate) struct Exchange {
@@ -23,6 +30,13 @@ pub(crate) struct Exchange {
     pub(crate) want: u32,
 }
 
+impl Exchange {
+    /// How many jobs it touches: commits are bounded by it.
+    pub(super) fn weight(&self) -> usize {
+        1 + self.complete.len() + self.fail.len() + self.renew.len() + self.want as usize
+    }
+}
+
 /// What it is told.
 #[derive(Debug, Default)]
 pub(crate) struct Exchanged {
@@ -30,84 +44,79 @@ pub(crate) struct Exchanged {
     pub(crate) rejected: Vec<Rejected>,
     pub(crate) leased: Vec<Leased>,
     pub(crate) cancel: Vec<JobId>,
+    pub(crate) drain: bool,
 }
 
 impl Exchanged {
     /// Whether there is nothing to tell.
     pub(crate) fn is_silent(&self) -> bool {
-        self.accepted.is_empty() && self.rejected.is_empty() && self.leased.is_empty() && self.cancel.is_empty()
+        self.accepted.is_empty()
+            && self.rejected.is_empty()
+            && self.leased.is_empty()
+            && self.cancel.is_empty()
+            && !self.drain
     }
 }
 
-impl Operation for Exchange {
-    type Output = Exchanged;
-
-    async fn apply(self, work: &mut Work<'_>) -> Result<Exchanged, StoreError> {
-        touch(work, self.worker).await?;
-        let mut told = Exchanged::default();
-        let mut moved = BTreeSet::new();
-        let completed = self.take_results(work, &mut told, &mut moved).await?;
-        let failed = self.take_failures(work, &mut told, &mut moved).await?;
-        for renewal in &self.renew {
-            if !renew(work, self.worker, renewal).await? {
-                told.cancel.push(renewal.renewal.job);
-            }
-        }
-        if completed + failed > 0 {
-            add_to_tally(work, self.worker, completed, failed).await?;
-        }
-        // Once per study and exchange, not per job: all its results are in by now.
-        for study in moved {
-            advance(work, study).await?;
-        }
-        told.leased = claim(work, self.worker, self.want).await?;
-        Ok(told)
-    }
+/// One of several exchanges with what it will be told.
+pub(super) struct Party<'e> {
+    pub(super) exchange: &'e Exchange,
+    /// Jobs it may be given.
+    pub(super) want: usize,
+    pub(super) told: Exchanged,
 }
 
-impl Exchange {
-    async fn take_results(
-        &self,
-        work: &mut Work<'_>,
-        told: &mut Exchanged,
-        moved: &mut BTreeSet<i64>,
-    ) -> Result<u32, StoreError> {
-        let mut completed = 0;
-        for result in &self.complete {
-            match complete(work, self.worker, result).await? {
-                Taken::Stored(studies) => {
-                    completed += 1;
-                    moved.extend(studies);
-                    told.accepted.push(result.job);
-                }
-                Taken::Replay => told.accepted.push(result.job),
-                Taken::Refused(reason, study) => {
-                    moved.extend(study);
-                    told.rejected.push(Rejected { job: result.job, reason });
-                }
-            }
-        }
-        Ok(completed)
-    }
+/// What the exchanges of a group have changed, beyond their own jobs.
+#[derive(Default)]
+pub(super) struct Effects {
+    /// Studies whose jobs ended or failed.
+    pub(super) moved: BTreeSet<i64>,
+    /// What each worker has finished and failed.
+    pub(super) tallies: BTreeMap<WorkerId, Tally>,
+}
 
-    async fn take_failures(
-        &self,
-        work: &mut Work<'_>,
-        told: &mut Exchanged,
-        moved: &mut BTreeSet<i64>,
-    ) -> Result<u32, StoreError> {
-        let mut failed = 0;
-        for failure in &self.fail {
-            match fail(work, self.worker, failure).await? {
-                Reported::Counted(study) => {
-                    failed += 1;
-                    moved.insert(study);
-                    told.accepted.push(failure.job);
-                }
-                Reported::Known => told.accepted.push(failure.job),
-                Reported::Refused(reason) => told.rejected.push(Rejected { job: failure.job, reason }),
-            }
-        }
-        Ok(failed)
+/// Takes all that a group of exchanges brings, then gives out what they ask for.
+/// Each answer stands for itself; an error of the store is an error for all.
+pub(super) async fn exchange_all(
+    work: &mut Work<'_>,
+    exchanges: &[Exchange],
+) -> Result<Vec<Result<Exchanged, StoreError>>, StoreError> {
+    let known = touch(work, exchanges.iter().map(|e| e.worker)).await?;
+    let mut parties: Vec<_> = exchanges
+        .iter()
+        .filter_map(|exchange| {
+            let standing = known.get(&exchange.worker)?;
+            let want = if standing.may_work() { exchange.want as usize } else { 0 };
+            Some(Party { exchange, want, told: Exchanged { drain: standing.draining, ..Exchanged::default() } })
+        })
+        .collect();
+    let mut effects = Effects::default();
+    results::take(work, &mut parties, &mut effects).await?;
+    for party in &mut parties {
+        take_failures(work, party, &mut effects).await?;
     }
+    renewals::take(work, &mut parties).await?;
+    add_to_tallies(work, &effects.tallies).await?;
+    // Once per study, not per job: all results are in by now.
+    advance_ended(work, &effects.moved).await?;
+    // One quarantined just now may still be given jobs: it is only a suspicion, and they are fenced.
+    claims::give(work, &mut parties).await?;
+    let mut told = parties.into_iter().map(|party| party.told);
+    let mut answer = |e: &Exchange| if known.contains_key(&e.worker) { told.next() } else { None };
+    Ok(exchanges.iter().map(|e| answer(e).ok_or(StoreError::UnknownWorker(e.worker))).collect())
+}
+
+async fn take_failures(work: &mut Work<'_>, party: &mut Party<'_>, effects: &mut Effects) -> Result<(), StoreError> {
+    for failure in &party.exchange.fail {
+        match fail(work, party.exchange.worker, failure).await? {
+            Reported::Counted(study) => {
+                effects.tallies.entry(party.exchange.worker).or_default().failed += 1;
+                effects.moved.insert(study);
+                party.told.accepted.push(failure.job);
+            }
+            Reported::Known => party.told.accepted.push(failure.job),
+            Reported::Refused(reason) => party.told.rejected.push(Rejected { job: failure.job, reason }),
+        }
+    }
+    Ok(())
 }

@@ -32,7 +32,7 @@ pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failur
     match job.state {
         JobState::Leased => {
             let reason: String = failure.reason.chars().take(LONGEST_REASON).collect();
-            fail_attempt(work, &job, &reason).await?;
+            fail_attempt(work, &job, Cause::Failed(&reason)).await?;
             Ok(Reported::Counted(job.study))
         }
         // The answer to the first report was lost, or the lease expired meanwhile: it is counted.
@@ -42,9 +42,22 @@ pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failur
     }
 }
 
+/// How an attempt failed.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Cause<'r> {
+    /// Its worker said so, or returned what is of no use.
+    Failed(&'r str),
+    /// Its worker was not heard of.
+    Expired(&'r str),
+}
+
 /// Counts a failure of a leased job. After the last one the job is dead; before,
 /// it waits longer from one to the next, since what failed may be the machine.
-pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, reason: &str) -> Result<(), StoreError> {
+pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause<'_>) -> Result<(), StoreError> {
+    let (reason, expired) = match cause {
+        Cause::Failed(reason) => (reason, false),
+        Cause::Expired(reason) => (reason, true),
+    };
     let failures = job.failures + 1;
     let dead = failures >= work.config.max_attempts;
     let not_before = (!dead).then(|| work.now + work.config.backoff_ms(failures));
@@ -56,6 +69,7 @@ pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, reason: &str
         attempt: job.attempt,
         reason: reason.into(),
         dead,
+        expired,
     });
     Ok(())
 }

@@ -15,44 +15,56 @@ mod exchange;
 mod fail;
 mod names;
 mod read_dataset;
+mod read_explain;
 mod read_jobs;
 mod read_studies;
+mod read_sums;
 mod read_workers;
 mod recover;
-mod renew;
 mod search;
+mod specs;
 mod submit;
 mod sweep;
+mod tokens;
+mod upkeep;
 mod workers;
 mod writer;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use sqlx::migrate::{MigrateError, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
 use sqlx::{ConnectOptions, Connection};
 
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
+use crate::metrics::Metrics;
 
 pub(crate) use add::AddOptimisation;
-pub(crate) use body::pack;
+pub(crate) use body::{pack, unpack};
 pub(crate) use checkpoint::PreparedRenewal;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
-pub(crate) use names::{kind_of, role_name, state_name};
+pub(crate) use names::{Condition, kind_of, role_name, state_name};
+pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
+pub(crate) use read_sums::{Depth, WorkerSums};
 pub(crate) use recover::Recover;
 pub(crate) use search::{STROKES, optimisation_of_stroke, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
-pub(crate) use workers::{Deregister, Register};
+pub(crate) use tokens::{TokenRow, insert_token, list_tokens, revoke_token};
+pub(crate) use upkeep::{Prune, check, copy_to, delete_study, find_ended_before, list_digests};
+pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
 
 static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
@@ -101,31 +113,34 @@ impl Store {
         config: Arc<Config>,
         clock: Arc<dyn Clock>,
         observer: Observer,
+        metrics: Arc<Metrics>,
     ) -> Result<Self, OpenError> {
-        if let Some(folder) = config.database.parent().filter(|f| !f.as_os_str().is_empty()) {
-            tokio::fs::create_dir_all(folder).await?;
-        }
-        let options = SqliteConnectOptions::new()
-            .filename(&config.database)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(BUSY)
-            // Decisions are logged by what they mean, not as statements.
-            .disable_statement_logging();
+        make_folder(&config.database).await?;
+        let options = options(&config.database);
         migrate(&options).await?;
-        let connection = options.connect().await?;
+        // Room for the inner pages of the indexes of some million jobs, 64 MiB.
+        let writing = options.clone().pragma("cache_size", "-65536");
+        let connection = writing.connect().await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(config.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer: writer::Writer::start(connection, config, clock, observer), readers })
+        Ok(Self { writer: writer::Writer::start(connection, writing, config, clock, observer, metrics), readers })
     }
 
     /// Queues an operation and waits for the commit which contains it.
     pub(crate) async fn run<O: Operation>(&self, operation: O) -> Result<O::Output, StoreError> {
         self.writer.run(operation).await
+    }
+
+    /// Takes what a worker brings and gives it what it wants, with whatever other exchanges wait.
+    pub(crate) async fn exchange(&self, exchange: Exchange) -> Result<Exchanged, StoreError> {
+        self.writer.exchange(exchange).await
+    }
+
+    /// Whether the last commit failed: until one succeeds, nothing new is taken.
+    pub(crate) fn is_failing(&self) -> bool {
+        self.writer.is_failing()
     }
 
     /// The pool which cannot write.
@@ -143,6 +158,57 @@ impl Store {
     pub(crate) async fn close(&self) {
         self.writer.close().await;
         self.readers.close().await;
+    }
+}
+
+async fn make_folder(database: &Path) -> Result<(), OpenError> {
+    if let Some(folder) = database.parent().filter(|f| !f.as_os_str().is_empty()) {
+        tokio::fs::create_dir_all(folder).await?;
+    }
+    Ok(())
+}
+
+/// How a database is opened, by whomever.
+fn options(database: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(database)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .busy_timeout(BUSY)
+        // Decisions are logged by what they mean, not as statements.
+        .disable_statement_logging()
+}
+
+/// A database opened beside the coordinator, for short work.
+pub(crate) struct File {
+    connection: SqliteConnection,
+}
+
+impl File {
+    /// Opens a database and brings its tables up to date.
+    pub(crate) async fn open(database: &Path) -> Result<Self, OpenError> {
+        make_folder(database).await?;
+        let options = options(database);
+        migrate(&options).await?;
+        Ok(Self { connection: options.connect().await? })
+    }
+
+    /// The connection.
+    pub(crate) fn db(&mut self) -> &mut SqliteConnection {
+        &mut self.connection
+    }
+
+    /// Begins a change.
+    pub(crate) async fn begin(&mut self) -> Result<sqlx::Transaction<'_, sqlx::Sqlite>, sqlx::Error> {
+        self.connection.begin_with("begin immediate").await
+    }
+
+    /// Closes the file.
+    pub(crate) async fn close(self) {
+        // Nothing is under way: at worst its log is folded in at the next start.
+        let _ = self.connection.close().await;
     }
 }
 

@@ -110,13 +110,14 @@ pub(crate) fn role_name(role: JobRole) -> &'static str {
         JobRole::Probe => "probe",
         JobRole::Generation => "generation",
         JobRole::Individual => "individual",
+        JobRole::Audit => "audit",
     }
 }
 
 /// The computation a role asks for.
 pub(crate) fn kind_of(role: JobRole) -> JobKind {
     match role {
-        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual => JobKind::Simulate,
+        JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual | JobRole::Audit => JobKind::Simulate,
         JobRole::Train => JobKind::Train,
         JobRole::Optimise => JobKind::Optimise,
         JobRole::Search | JobRole::Generation => JobKind::Search,

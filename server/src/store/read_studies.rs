@@ -108,6 +108,7 @@ impl Store {
             created_at: rfc3339(head.created_ms),
             samples: self.sample_counts(head.study).await?,
             stage_jobs,
+            audits: read_counts(db, head.study, JobRole::Audit).await?,
             progress,
             rate_per_s: None,
             eta_s: None,

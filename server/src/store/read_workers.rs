@@ -21,6 +21,9 @@ struct RawWorker {
     completed: i64,
     failed: i64,
     last_seen_ms: i64,
+    strikes: i64,
+    quarantined_until_ms: Option<i64>,
+    draining: bool,
     leased: i64,
 }
 
@@ -30,6 +33,7 @@ impl Store {
         // The jobs counted here are those in hand, read from the index of leases.
         let rows: Vec<RawWorker> = sqlx::query_as(
             "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
+                    w.strikes, w.quarantined_until_ms, w.draining,
                     (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
              from workers as w where w.left_ms is null and w.last_seen_ms >= ? order by w.name, w.id limit ?",
         )
@@ -55,5 +59,8 @@ fn view(row: RawWorker, now: i64, lease_ms: i64) -> Result<WorkerView, StoreErro
         failed: unsigned(row.failed)?,
         last_seen_s: silent_ms as f64 / 1000.0,
         alive: silent_ms <= patience_ms,
+        strikes: unsigned(row.strikes)?,
+        quarantined: row.quarantined_until_ms.is_some_and(|until| until > now),
+        draining: row.draining,
     })
 }

@@ -17,6 +17,7 @@ impl Operation for Recover {
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
         let leases = renew_all(work).await?;
         shorten_waits(work).await?;
+        shorten_quarantines(work).await?;
         for study in list_running(work.db).await? {
             advance(work, study).await?;
         }
@@ -27,8 +28,9 @@ impl Operation for Recover {
 
 /// Workers could not renew while nobody was here: every lease gets a full term.
 async fn renew_all(work: &mut Work<'_>) -> Result<u64, StoreError> {
-    let renewed = sqlx::query("update jobs set lease_until_ms = ? where state = 'leased'")
+    let renewed = sqlx::query("update jobs set lease_until_ms = ?1, leased_ms = ?2 where state = 'leased'")
         .bind(work.now + work.config.lease_ms())
+        .bind(work.now)
         .execute(&mut *work.db)
         .await?;
     Ok(renewed.rows_affected())
@@ -40,6 +42,17 @@ async fn shorten_waits(work: &mut Work<'_>) -> Result<(), StoreError> {
         .bind(work.now + millis(work.config.max_backoff))
         .execute(&mut *work.db)
         .await?;
+    Ok(())
+}
+
+async fn shorten_quarantines(work: &mut Work<'_>) -> Result<(), StoreError> {
+    sqlx::query(
+        "update workers set quarantined_until_ms = min(quarantined_until_ms, ?)
+         where left_ms is null and quarantined_until_ms is not null",
+    )
+    .bind(work.now + millis(work.config.quarantine))
+    .execute(&mut *work.db)
+    .await?;
     Ok(())
 }
 

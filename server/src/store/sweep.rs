@@ -3,12 +3,15 @@
 use std::collections::BTreeSet;
 
 use manduca_protocol::ids::JobId;
+use manduca_protocol::task::JobKind;
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::advance;
+use super::advance::advance_ended;
 use super::complete::find_job;
-use super::fail::fail_attempt;
+use super::fail::{Cause, fail_attempt};
+use super::names::{kind_of, named};
 use super::{Operation, StoreError, Work};
+use crate::config::millis;
 use crate::event::Event;
 
 /// Most leases expired in one operation: others wait behind it.
@@ -29,12 +32,17 @@ impl Operation for Sweep {
                 "the lease expired: worker `{worker}` was not heard of for {} s",
                 work.config.lease.as_secs_f64()
             );
-            fail_attempt(work, &job, &reason).await?;
+            fail_attempt(work, &job, Cause::Expired(&reason)).await?;
             moved.insert(job.study);
         }
-        for study in moved {
-            advance(work, study).await?;
+        for (job, kind) in list_overdue(work).await? {
+            let Some(job) = find_job(work.db, JobId(job)).await? else { continue };
+            let limit = work.config.run_limits.of(kind).as_secs_f64();
+            let reason = format!("the attempt exceeded its run limit of {limit} s, and its worker did not end it");
+            fail_attempt(work, &job, Cause::Failed(&reason)).await?;
+            moved.insert(job.study);
         }
+        advance_ended(work, &moved).await?;
         if wake_delayed(work).await? > 0 {
             work.events.push(Event::Ready);
         }
@@ -52,6 +60,28 @@ async fn list_expired(db: &mut SqliteConnection, now: i64) -> Result<Vec<(i64, O
     .fetch_all(db)
     .await?;
     Ok(expired)
+}
+
+/// Leased jobs which compute for longer than their kind may, renewed or not. The
+/// jobs leased are few: one per slot.
+async fn list_overdue(work: &mut Work<'_>) -> Result<Vec<(i64, JobKind)>, StoreError> {
+    let grace = millis(work.config.run_grace);
+    let shortest = JobKind::ALL.iter().map(|&kind| work.config.run_limits.of(kind)).min().unwrap_or_default();
+    let long: Vec<(i64, String, i64)> = sqlx::query_as(
+        "select job, role, leased_ms from jobs where state = 'leased' and leased_ms <= ? order by job limit ?",
+    )
+    .bind(work.now - grace - millis(shortest))
+    .bind(MOST)
+    .fetch_all(&mut *work.db)
+    .await?;
+    let mut overdue = Vec::new();
+    for (job, role, since) in long {
+        let kind = kind_of(named(&role)?);
+        if work.now - since >= millis(work.config.run_limits.of(kind)) + grace {
+            overdue.push((job, kind));
+        }
+    }
+    Ok(overdue)
 }
 
 async fn wake_delayed(work: &mut Work<'_>) -> Result<u64, StoreError> {

@@ -3,22 +3,30 @@
 //! cost of one `fsync` is shared by all who wait. Handlers only wait for the
 //! reply: one that goes away takes nothing back.
 
+use std::collections::VecDeque;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{Acquire, Connection};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection};
 use tokio::sync::{mpsc, oneshot};
 
-use super::{Observer, StoreError};
+use super::exchange::exchange_all;
+use super::specs::Specs;
+use super::{Exchange, Exchanged, Observer, StoreError};
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
+use crate::metrics::Metrics;
 
 /// Most operations in one commit.
 const MOST_PER_COMMIT: usize = 256;
+/// Most jobs the exchanges of one commit touch, but for a single larger one.
+const MOST_JOBS: usize = 4000;
 /// Operations which may queue before callers wait for a place.
 const QUEUE: usize = 4096;
 
@@ -32,6 +40,8 @@ pub(crate) struct Work<'c> {
     pub(crate) config: &'c Config,
     /// What was decided, told after the commit.
     pub(crate) events: &'c mut Vec<Event>,
+    /// Specifications read before.
+    pub(crate) specs: &'c mut Specs,
 }
 
 /// One change of the store: all of it happens, or nothing.
@@ -83,7 +93,14 @@ impl<O: Operation> Queued for Call<O> {
     }
 }
 
+/// An exchange with the way back to its caller.
+struct Asked {
+    exchange: Exchange,
+    reply: oneshot::Sender<Result<Exchanged, StoreError>>,
+}
+
 enum Message {
+    Exchange(Asked),
     Apply(Box<dyn Queued>),
     Close(oneshot::Sender<()>),
 }
@@ -92,19 +109,39 @@ enum Message {
 #[derive(Clone)]
 pub(super) struct Writer {
     queue: mpsc::Sender<Message>,
+    failing: Arc<AtomicBool>,
 }
 
 impl Writer {
     /// Starts the writer's task on its connection.
     pub(super) fn start(
         connection: SqliteConnection,
+        options: SqliteConnectOptions,
         config: Arc<Config>,
         clock: Arc<dyn Clock>,
         observer: Observer,
+        metrics: Arc<Metrics>,
     ) -> Self {
         let (queue, messages) = mpsc::channel(QUEUE);
-        tokio::spawn(Task { connection, config, clock, observer }.serve(messages));
-        Self { queue }
+        let specs = Specs::default();
+        let failing = Arc::new(AtomicBool::new(false));
+        let task = Task {
+            connection: Some(connection),
+            options,
+            config,
+            clock,
+            observer,
+            specs,
+            metrics,
+            failing: failing.clone(),
+        };
+        tokio::spawn(task.serve(messages));
+        Self { queue, failing }
+    }
+
+    /// Whether the last commit failed.
+    pub(super) fn is_failing(&self) -> bool {
+        self.failing.load(Ordering::Relaxed)
     }
 
     /// Queues an operation and waits until it is committed or refused.
@@ -112,6 +149,13 @@ impl Writer {
         let (reply, answer) = oneshot::channel();
         let call = Call { operation: Some(operation), outcome: None, reply };
         self.queue.send(Message::Apply(Box::new(call))).await.map_err(|_| StoreError::Closed)?;
+        answer.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Queues an exchange and waits until it is committed or refused.
+    pub(super) async fn exchange(&self, exchange: Exchange) -> Result<Exchanged, StoreError> {
+        let (reply, answer) = oneshot::channel();
+        self.queue.send(Message::Exchange(Asked { exchange, reply })).await.map_err(|_| StoreError::Closed)?;
         answer.await.map_err(|_| StoreError::Closed)?
     }
 
@@ -125,30 +169,66 @@ impl Writer {
 }
 
 struct Task {
-    connection: SqliteConnection,
+    /// None after a failed commit, which leaves it in a state nobody knows: the next one opens another.
+    connection: Option<SqliteConnection>,
+    options: SqliteConnectOptions,
     config: Arc<Config>,
     clock: Arc<dyn Clock>,
     observer: Observer,
+    specs: Specs,
+    metrics: Arc<Metrics>,
+    failing: Arc<AtomicBool>,
+}
+
+/// What is committed together.
+#[derive(Default)]
+struct Batch {
+    exchanges: Vec<Exchange>,
+    askers: Vec<oneshot::Sender<Result<Exchanged, StoreError>>>,
+    calls: Vec<Box<dyn Queued>>,
+    closing: Option<oneshot::Sender<()>>,
+}
+
+impl Batch {
+    /// Takes messages from the front, as many as make a commit.
+    fn fill(waiting: &mut VecDeque<Message>) -> Self {
+        let (mut batch, mut weight) = (Self::default(), 0);
+        while let Some(message) = waiting.pop_front() {
+            match message {
+                Message::Exchange(asked) => {
+                    weight += asked.exchange.weight();
+                    if weight > MOST_JOBS && !batch.exchanges.is_empty() {
+                        waiting.push_front(Message::Exchange(asked));
+                        break;
+                    }
+                    batch.exchanges.push(asked.exchange);
+                    batch.askers.push(asked.reply);
+                }
+                Message::Apply(call) => batch.calls.push(call),
+                // What came after the farewell is dropped, and its caller told the store is closed.
+                Message::Close(done) => {
+                    batch.closing = Some(done);
+                    waiting.clear();
+                }
+            }
+        }
+        batch
+    }
 }
 
 impl Task {
     async fn serve(mut self, mut messages: mpsc::Receiver<Message>) {
-        let mut received = Vec::with_capacity(MOST_PER_COMMIT);
-        while messages.recv_many(&mut received, MOST_PER_COMMIT).await > 0 {
-            let mut batch = Vec::with_capacity(received.len());
-            let mut closing = None;
-            for message in received.drain(..) {
-                match message {
-                    // What came after the farewell is dropped, and its caller told the store is closed.
-                    Message::Apply(call) if closing.is_none() => batch.push(call),
-                    Message::Apply(_) => {}
-                    Message::Close(done) => closing = Some(done),
-                }
-            }
+        let (mut received, mut waiting) = (Vec::with_capacity(MOST_PER_COMMIT), VecDeque::new());
+        while !waiting.is_empty() || messages.recv_many(&mut received, MOST_PER_COMMIT).await > 0 {
+            waiting.extend(received.drain(..));
+            let mut batch = Batch::fill(&mut waiting);
+            let closing = batch.closing.take();
             self.commit_and_reply(batch).await;
             if let Some(done) = closing {
                 messages.close();
-                if let Err(error) = self.connection.close().await {
+                if let Some(connection) = self.connection.take()
+                    && let Err(error) = connection.close().await
+                {
                     tracing::warn!(error.cause = %error, "The database was not closed cleanly; it recovers at the next start");
                 }
                 let _ = done.send(());
@@ -157,37 +237,149 @@ impl Task {
         }
     }
 
-    async fn commit_and_reply(&mut self, mut batch: Vec<Box<dyn Queued>>) {
-        if batch.is_empty() {
+    async fn commit_and_reply(&mut self, mut batch: Batch) {
+        if batch.exchanges.is_empty() && batch.calls.is_empty() {
             return;
         }
         let mut events = Vec::new();
+        let (began, operations) = (Instant::now(), batch.calls.len() + batch.exchanges.len());
         let committed = self.commit(&mut batch, &mut events).await.map_err(Arc::new);
+        self.metrics.committed(began.elapsed(), operations, committed.is_ok());
+        if self.failing.swap(committed.is_err(), Ordering::Relaxed) && committed.is_ok() {
+            tracing::info!("The database takes writes again");
+        }
         match &committed {
-            Ok(()) => (self.observer)(&events),
+            Ok(_) => (self.observer)(&events),
             Err(error) => {
-                tracing::error!(error.cause = %error, batch.operations = batch.len(), "A batch of operations was not committed");
+                self.specs.clear();
+                if let Some(connection) = self.connection.take() {
+                    // Whatever it still had to say was about the batch, whose fate is known.
+                    let _ = connection.close_hard().await;
+                }
+                tracing::error!(error.cause = %error, batch.operations = operations, "A batch of operations was not committed");
             }
         }
-        for call in batch {
+        let (told, committed) = match committed {
+            Ok(told) => (told, Ok(())),
+            Err(cause) => (batch.askers.iter().map(|_| Err(StoreError::Commit(cause.clone()))).collect(), Err(cause)),
+        };
+        for (asker, told) in batch.askers.into_iter().zip(told) {
+            // The caller may have gone; what is committed stays.
+            let _ = asker.send(told);
+        }
+        for call in batch.calls {
             call.reply(&committed);
         }
     }
 
-    async fn commit(&mut self, batch: &mut [Box<dyn Queued>], events: &mut Vec<Event>) -> Result<(), sqlx::Error> {
+    /// Does everything of a batch; gives what the exchanges are told.
+    async fn commit(
+        &mut self,
+        batch: &mut Batch,
+        events: &mut Vec<Event>,
+    ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
         let now = self.clock.now_ms();
-        let mut transaction = self.connection.begin_with("begin immediate").await?;
-        for call in batch {
-            let mut savepoint = transaction.begin().await?;
-            let told = events.len();
-            let mut work = Work { db: &mut savepoint, now, config: &self.config, events };
-            if call.apply(&mut work).await {
-                savepoint.commit().await?;
-            } else {
-                events.truncate(told);
-                savepoint.rollback().await?;
+        let connection = match &mut self.connection {
+            Some(connection) => connection,
+            none => none.insert(self.options.connect().await?),
+        };
+        let mut transaction = connection.begin_with("begin immediate").await?;
+        if self.failing.load(Ordering::Relaxed) {
+            // A commit which changes nothing would prove nothing.
+            beat(&mut transaction, now).await?;
+        }
+        let mut scope = Scope { now, config: &self.config, specs: &mut self.specs, events };
+        let told = scope.exchange(&mut transaction, &batch.exchanges).await?;
+        for call in &mut batch.calls {
+            scope.apply(&mut transaction, call).await?;
+        }
+        transaction.commit().await?;
+        Ok(told)
+    }
+}
+
+async fn beat(db: &mut SqliteConnection, now: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "insert into heartbeat (one, beat_ms) values (1, ?1) on conflict (one) do update set beat_ms = max(?1, beat_ms + 1)",
+    )
+    .bind(now)
+    .execute(db)
+    .await?;
+    Ok(())
+}
+
+/// What a batch's savepoints share.
+struct Scope<'s> {
+    now: i64,
+    config: &'s Config,
+    specs: &'s mut Specs,
+    events: &'s mut Vec<Event>,
+}
+
+impl Scope<'_> {
+    async fn apply(&mut self, db: &mut SqliteConnection, call: &mut Box<dyn Queued>) -> Result<(), sqlx::Error> {
+        let mut savepoint = Connection::begin(db).await?;
+        let told = self.events.len();
+        let mut work = self.work(&mut savepoint);
+        if call.apply(&mut work).await {
+            savepoint.commit().await
+        } else {
+            self.forget(told);
+            savepoint.rollback().await
+        }
+    }
+
+    /// All exchanges together; should that fail, one by one, so that only the culprit does.
+    async fn exchange(
+        &mut self,
+        db: &mut SqliteConnection,
+        exchanges: &[Exchange],
+    ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
+        if exchanges.is_empty() {
+            return Ok(Vec::new());
+        }
+        let error = match self.exchange_together(db, exchanges).await? {
+            Ok(told) => return Ok(told),
+            Err(error) if exchanges.len() == 1 => return Ok(vec![Err(error)]),
+            Err(error) => error,
+        };
+        tracing::warn!(error.cause = %crate::error::chain(&error), exchanges.count = exchanges.len(), "Exchanges could not be taken together and are taken one by one");
+        let mut all = Vec::with_capacity(exchanges.len());
+        for exchange in exchanges {
+            match self.exchange_together(db, std::slice::from_ref(exchange)).await? {
+                Ok(told) => all.extend(told),
+                Err(error) => all.push(Err(error)),
             }
         }
-        transaction.commit().await
+        Ok(all)
+    }
+
+    async fn exchange_together(
+        &mut self,
+        db: &mut SqliteConnection,
+        exchanges: &[Exchange],
+    ) -> Result<Result<Vec<Result<Exchanged, StoreError>>, StoreError>, sqlx::Error> {
+        let mut savepoint = Connection::begin(db).await?;
+        let before = self.events.len();
+        let mut work = self.work(&mut savepoint);
+        let told = AssertUnwindSafe(exchange_all(&mut work, exchanges)).catch_unwind().await;
+        let told = told.unwrap_or(Err(StoreError::Panicked));
+        if told.is_ok() {
+            savepoint.commit().await?;
+        } else {
+            self.forget(before);
+            savepoint.rollback().await?;
+        }
+        Ok(told)
+    }
+
+    fn work<'w>(&'w mut self, db: &'w mut SqliteConnection) -> Work<'w> {
+        Work { db, now: self.now, config: self.config, events: &mut *self.events, specs: &mut *self.specs }
+    }
+
+    /// Takes back what a failed operation has told and read.
+    fn forget(&mut self, told: usize) {
+        self.events.truncate(told);
+        self.specs.clear();
     }
 }

@@ -62,10 +62,22 @@ pub(super) struct Bench {
 
 impl Bench {
     pub(super) async fn open() -> Self {
+        Self::open_with(|_| {}).await
+    }
+
+    /// A coordinator some of whose numbers are changed.
+    pub(super) async fn open_with(change: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let clock = Arc::new(HandClock(AtomicI64::new(1_800_000_000_000)));
-        let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens");
+        let mut config = config(&folder);
+        change(&mut config);
+        let state = open_with_clock(config, clock.clone()).await.expect("opens");
         Self { state, clock, folder }
+    }
+
+    /// Where its database is.
+    pub(super) fn database(&self) -> std::path::PathBuf {
+        self.folder.path().join("manduca.db")
     }
 
     /// Stops the coordinator, lets time pass and starts it on the same file.

@@ -1,6 +1,7 @@
 //! The coordinator as its users and workers meet it, on a clock moved by hand,
 //! with workers whose results are made up.
 
+mod access;
 mod add;
 mod answers;
 mod bench;
@@ -12,6 +13,10 @@ mod long_poll;
 mod queue;
 mod restart;
 mod share;
+mod simulation;
 mod stages;
 mod steer;
+mod trust;
+mod watch;
+mod wire;
 mod writer;

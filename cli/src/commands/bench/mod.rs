@@ -2,10 +2,13 @@
 
 mod accuracy;
 mod memory;
+mod queue;
 mod samples;
 mod scaling;
 mod search;
 mod surrogate;
+
+pub use queue::syncs_per_s;
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -34,11 +37,12 @@ use crate::progress::span;
 const OPERATIONS: f64 = 40.0;
 
 /// Runs a benchmark.
-pub fn bench(command: &BenchCommand) -> Result<ExitCode> {
+pub async fn bench(command: &BenchCommand) -> Result<ExitCode> {
     match command {
         BenchCommand::Solver(args) => solver(args),
         BenchCommand::Accuracy(args) => accuracy::accuracy(args),
         BenchCommand::Surrogate(args) => surrogate::surrogate(args),
+        BenchCommand::Queue(args) => queue::queue(args).await,
     }
 }
 

@@ -1,0 +1,145 @@
+//! `manduca db ...`, `manduca workers ...`, `manduca explain`, `manduca doctor`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::Coordinator;
+
+/// `manduca db ...`.
+#[derive(Debug, Subcommand)]
+pub enum DbCommand {
+    /// Write a compact copy of a database, which may be in use, and check the copy.
+    Backup(BackupArgs),
+    /// Check a database: the file, what must hold between its tables, every result's digest.
+    Check(CheckArgs),
+    /// Remove studies which ended long ago.
+    Prune(PruneArgs),
+}
+
+/// The folder of a database.
+#[derive(Debug, Args)]
+pub struct Data {
+    /// Folder of the database.
+    #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
+    pub data: PathBuf,
+}
+
+/// `manduca db backup`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+To restore, stop the coordinator, move its database with its -wal and -shm files away and put
+the copy in its place as manduca.db.
+
+Example:
+  manduca db backup /backup/manduca-$(date +%F).db --data /var/lib/manduca")]
+pub struct BackupArgs {
+    /// File to write; it must not be there.
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub data: Data,
+}
+
+/// `manduca db check`.
+#[derive(Debug, Args)]
+#[command(after_help = "Exit code 1 where something is wrong.")]
+pub struct CheckArgs {
+    #[command(flatten)]
+    pub data: Data,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca db prune`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Removes studies which succeeded, failed or were cancelled. Results which other studies share
+are kept. The file keeps its size and uses the room for what comes; a backup is compact. A
+coordinator does the same by itself with `manduca serve --keep-days N`.
+
+Example:
+  manduca db prune --older-than-days 90 --dry-run")]
+pub struct PruneArgs {
+    /// Only studies which ended this many days ago or more.
+    #[arg(long, value_name = "DAYS", value_parser = super::days)]
+    pub older_than_days: f64,
+    /// Only say what would be removed.
+    #[arg(long)]
+    pub dry_run: bool,
+    #[command(flatten)]
+    pub data: Data,
+    /// Print one JSON array.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca workers ...`.
+#[derive(Debug, Subcommand)]
+pub enum WorkersCommand {
+    /// List the workers heard of within a day.
+    List(WorkerListArgs),
+    /// Ask workers to finish what they have and leave.
+    Drain(DrainArgs),
+}
+
+/// `manduca workers list`.
+#[derive(Debug, Args)]
+pub struct WorkerListArgs {
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Print one JSON array.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca workers drain`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A token needs the scope `admin` for this.
+
+Examples:
+  manduca workers drain node17
+  manduca workers drain --all")]
+pub struct DrainArgs {
+    /// Its name, or its id; all workers of that name.
+    #[arg(required_unless_present = "all", conflicts_with = "all")]
+    pub worker: Option<String>,
+    /// All workers.
+    #[arg(long)]
+    pub all: bool,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+}
+
+/// `manduca explain`.
+#[derive(Debug, Args)]
+pub struct ExplainArgs {
+    /// Number of the job.
+    #[arg(value_name = "JOB")]
+    pub job: i64,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca doctor`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Looks at this machine, at the folder of a database if there is one, and at a coordinator if one
+answers; says what it found and what to do. Exit code 1 where something is wrong.
+
+Examples:
+  manduca doctor
+  manduca doctor --coordinator https://manduca.example --token-file token")]
+pub struct DoctorArgs {
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    #[command(flatten)]
+    pub data: Data,
+    /// Print one JSON array.
+    #[arg(long)]
+    pub json: bool,
+}

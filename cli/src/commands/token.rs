@@ -1,0 +1,67 @@
+//! `manduca token`: who may ask a coordinator for what.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use manduca_server::{Offline, OfflineError};
+
+use super::serve::DATABASE;
+use crate::args::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
+use crate::exit::refused;
+use crate::output::{Output, note};
+
+/// Does what was asked for.
+pub async fn token(command: TokenCommand) -> Result<ExitCode> {
+    match command {
+        TokenCommand::Create(args) => create(args).await,
+        TokenCommand::List(args) => list(args).await,
+        TokenCommand::Revoke(args) => revoke(args).await,
+    }
+}
+
+/// The database of a folder.
+pub async fn open(data: &Path) -> Result<Offline> {
+    Ok(Offline::open(&data.join(DATABASE)).await?)
+}
+
+/// A refusal is the user's to mend; anything else is not.
+pub fn told(error: OfflineError) -> anyhow::Error {
+    match error {
+        OfflineError::Refused(why) => refused(why),
+        other => other.into(),
+    }
+}
+
+async fn create(args: CreateTokenArgs) -> Result<ExitCode> {
+    let mut database = open(&args.data).await?;
+    let secret = database.create_token(&args.name, args.scope.iter().copied().collect()).await.map_err(told)?;
+    database.close().await;
+    Output::stdout().line(secret.reveal())?;
+    note(format_args!("token `{}` made; it is shown this once and stored nowhere", args.name));
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn list(args: TokenListArgs) -> Result<ExitCode> {
+    let mut database = open(&args.data).await?;
+    let tokens = database.tokens().await?;
+    database.close().await;
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&tokens)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let head = ["name", "scopes", "created", "revoked"].map(str::to_owned);
+    let rows =
+        tokens.into_iter().map(|t| vec![t.name, t.scopes, t.created_at, t.revoked_at.unwrap_or_else(|| "-".into())]);
+    out.table(&head, &rows.collect::<Vec<_>>())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn revoke(args: RevokeTokenArgs) -> Result<ExitCode> {
+    let mut database = open(&args.data).await?;
+    database.revoke_token(&args.name).await.map_err(told)?;
+    database.close().await;
+    note(format_args!("token `{}` allows nothing any more", args.name));
+    Ok(ExitCode::SUCCESS)
+}

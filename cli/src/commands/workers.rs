@@ -1,0 +1,86 @@
+//! `manduca workers` and `manduca explain`.
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use manduca_protocol::ids::JobId;
+use manduca_protocol::view::WorkerView;
+
+use crate::args::{DrainArgs, ExplainArgs, WorkerListArgs, WorkersCommand};
+use crate::exit::refused;
+use crate::output::{Output, note};
+
+/// Does what was asked for.
+pub async fn workers(command: WorkersCommand) -> Result<ExitCode> {
+    match command {
+        WorkersCommand::List(args) => list(args).await,
+        WorkersCommand::Drain(args) => drain(args).await,
+    }
+}
+
+async fn list(args: WorkerListArgs) -> Result<ExitCode> {
+    let workers = args.coordinator.api()?.workers().await?;
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&workers)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let head = ["name", "state", "slots", "jobs", "done", "failed", "heard of, s", "level", "id"].map(str::to_owned);
+    let row = |w: &WorkerView| {
+        vec![
+            w.name.clone(),
+            state(w).to_owned(),
+            w.slots.to_string(),
+            w.leased.to_string(),
+            w.completed.to_string(),
+            w.failed.to_string(),
+            format!("{:.0}", w.last_seen_s),
+            w.level.clone(),
+            w.id.to_string(),
+        ]
+    };
+    out.table(&head, &workers.iter().map(row).collect::<Vec<_>>())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn state(worker: &WorkerView) -> &'static str {
+    match worker {
+        WorkerView { alive: false, .. } => "silent",
+        WorkerView { draining: true, .. } => "draining",
+        WorkerView { quarantined: true, .. } => "set aside",
+        _ => "working",
+    }
+}
+
+async fn drain(args: DrainArgs) -> Result<ExitCode> {
+    let api = args.coordinator.api()?;
+    let meant = |w: &WorkerView| match &args.worker {
+        Some(text) => w.name == *text || w.id.to_string() == *text,
+        None => true,
+    };
+    let workers: Vec<_> = api.workers().await?.into_iter().filter(meant).collect();
+    if let (Some(text), true) = (&args.worker, workers.is_empty()) {
+        return Err(refused(format!("no worker's name or id is `{text}` (`manduca workers list` shows them)")));
+    }
+    for worker in &workers {
+        api.drain(worker.id).await?;
+        note(format_args!("worker `{}` finishes {} jobs and leaves", worker.name, worker.leased));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Why a job is where it is.
+pub async fn explain(args: ExplainArgs) -> Result<ExitCode> {
+    let told = args.coordinator.api()?.explain(JobId(args.job)).await?;
+    let mut out = Output::stdout();
+    if args.json {
+        out.json(&told)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let state = serde_json::to_value(told.state)?;
+    out.line(format_args!("job {} of study {}: {}", told.job, told.study, state.as_str().unwrap_or_default()))?;
+    for sentence in &told.because {
+        out.line(format_args!("  {sentence}"))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}

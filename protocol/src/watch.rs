@@ -1,0 +1,87 @@
+//! What those are shown who watch the service, scale it, or ask why.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::ids::{JobId, StudyId, WorkerId};
+use crate::view::{JobRole, JobState};
+
+/// How much there is to do, and for how many. `GET /v1/scaling`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ScalingView {
+    /// Jobs which wait for a slot.
+    pub ready_jobs: u64,
+    /// Jobs which wait after a failure.
+    pub delayed_jobs: u64,
+    /// Jobs in slots.
+    pub leased_jobs: u64,
+    /// Workers heard of lately.
+    pub workers: u64,
+    /// Their slots, without those of workers draining or set aside.
+    pub slots: u64,
+    /// Slots without a job.
+    pub idle_slots: u64,
+    /// Slots which would have a job if there were as many.
+    pub wanted_slots: u64,
+}
+
+/// Who has a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeaseView {
+    /// The worker.
+    pub worker: WorkerId,
+    /// Its name.
+    pub name: String,
+    /// For how long it has had the job, s.
+    pub running_s: Option<f64>,
+    /// For how long it may, s.
+    pub run_limit_s: f64,
+    /// When the lease ends unless it is renewed, s from now.
+    pub expires_s: f64,
+}
+
+/// Why a job is where it is. `GET /v1/jobs/{job}/explain`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Explanation {
+    /// The job.
+    pub job: JobId,
+    /// Its study.
+    pub study: StudyId,
+    /// What it is for.
+    pub role: JobRole,
+    /// State.
+    pub state: JobState,
+    /// In sentences.
+    pub because: Vec<String>,
+    /// Ready jobs which are leased before it, where it is ready.
+    pub jobs_ahead: Option<u64>,
+    /// Until it may be leased again, s, where it is delayed.
+    pub waits_s: Option<f64>,
+    /// Who has it.
+    pub lease: Option<LeaseView>,
+    /// Attempts which failed.
+    pub failures: u32,
+    /// Why the last one did, or why the stroke is infeasible.
+    pub last_failure: Option<String>,
+    /// Slots of all workers which may be given jobs.
+    pub slots: u64,
+}
+
+/// A result which was refused, or which contradicts one taken before. `GET /v1/evidence`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EvidenceView {
+    /// The job.
+    pub job: JobId,
+    /// The attempt it was returned as.
+    pub attempt: u32,
+    /// Who returned it.
+    pub worker: WorkerId,
+    /// `refused` or `nondeterminism`.
+    pub class: String,
+    /// Why.
+    pub reason: String,
+    /// Instruction level it was computed on.
+    pub level: String,
+    /// RFC 3339, UTC.
+    pub at: String,
+}

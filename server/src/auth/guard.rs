@@ -1,0 +1,90 @@
+//! Every request passes here before its body is read.
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::{Access, Scope, Secret};
+use crate::error::ApiError;
+use crate::state::AppState;
+
+/// Lets a request pass, or refuses it.
+pub(crate) async fn guard(State(state): State<AppState>, request: Request, next: Next) -> Response {
+    let response = match check(&state, request.method(), request.uri().path(), request.headers()).await {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => refusal.into_response(),
+    };
+    state.metrics().answered(response.status().as_u16());
+    response
+}
+
+async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMap) -> Result<(), ApiError> {
+    let Some(scope) = required(method, path) else { return Ok(()) };
+    let Access::Tokens(given) = &state.config().access else { return same_site(method, headers) };
+    let secret = bearer(headers).ok_or(ApiError::Unauthenticated)?;
+    let scopes = state.tokens().scopes(&secret, given, state.store()).await?;
+    if scopes.ok_or(ApiError::Unauthenticated)?.allow(scope) { Ok(()) } else { Err(ApiError::Forbidden(scope)) }
+}
+
+/// What a request asks for; none for what anybody may ask.
+fn required(method: &Method, path: &str) -> Option<Scope> {
+    let reads = method == Method::GET || method == Method::HEAD;
+    let mut parts = path.trim_start_matches('/').split('/');
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some("healthz" | "readyz" | "openapi.json"), None, ..) if reads => None,
+        (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
+        (Some("v1"), Some("workers"), _, Some("drain")) => Some(Scope::Admin),
+        (Some("v1"), Some("workers"), ..) if !reads => Some(Scope::Worker),
+        _ if reads || path.ends_with("/surrogate/predictions") => Some(Scope::Read),
+        _ => Some(Scope::Submit),
+    }
+}
+
+fn bearer(headers: &HeaderMap) -> Option<Secret> {
+    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    let (scheme, token) = value.split_once(' ')?;
+    Secret::new(token).ok().filter(|_| scheme.eq_ignore_ascii_case("bearer"))
+}
+
+/// Without tokens, a page of some other site must not act through its visitor's
+/// browser. Browsers say where a request comes from; programs say nothing.
+fn same_site(method: &Method, headers: &HeaderMap) -> Result<(), ApiError> {
+    let Some(origin) = headers.get(header::ORIGIN).filter(|_| method != Method::GET && method != Method::HEAD) else {
+        return Ok(());
+    };
+    let host = headers.get(header::HOST).map(|host| host.as_bytes()).unwrap_or_default();
+    let from = origin.to_str().unwrap_or_default().split_once("://").map_or("", |(_, authority)| authority);
+    if from.as_bytes() == host && !host.is_empty() { Ok(()) } else { Err(ApiError::AnotherSite) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_request_asks_for_its_scope() {
+        let (get, post, delete) = (Method::GET, Method::POST, Method::DELETE);
+        let cases = [
+            (&get, "/healthz", None),
+            (&post, "/healthz", Some(Scope::Submit)),
+            (&get, "/healthz/x", Some(Scope::Read)),
+            (&get, "/metrics", Some(Scope::Read)),
+            (&get, "/v1/studies/1/dataset", Some(Scope::Read)),
+            (&post, "/v1/studies", Some(Scope::Submit)),
+            (&post, "/v1/studies/1/cancel", Some(Scope::Submit)),
+            (&post, "/v1/studies/1/surrogate/predictions", Some(Scope::Read)),
+            (&get, "/v1/jobs/1", Some(Scope::Read)),
+            (&get, "/v1/jobs/1/task", Some(Scope::Worker)),
+            (&get, "/v1/workers", Some(Scope::Read)),
+            (&post, "/v1/workers", Some(Scope::Worker)),
+            (&post, "/v1/workers/1/exchange", Some(Scope::Worker)),
+            (&post, "/v1/workers/1/drain", Some(Scope::Admin)),
+            (&delete, "/v1/workers/1", Some(Scope::Worker)),
+            (&post, "/no/such/route", Some(Scope::Submit)),
+        ];
+        for (method, path, expected) in cases {
+            assert_eq!(required(method, path), expected, "{method} {path}");
+        }
+    }
+}

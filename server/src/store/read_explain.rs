@@ -1,0 +1,100 @@
+//! Why a job is where it is.
+
+use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::view::{JobRole, JobState};
+use manduca_protocol::watch::LeaseView;
+
+use super::names::{Condition, kind_of, named, unsigned, uuid};
+use super::{Store, StoreError};
+use crate::config::Config;
+
+/// What an explanation is made of.
+pub(crate) struct Circumstances {
+    pub(crate) study: StudyId,
+    pub(crate) role: JobRole,
+    pub(crate) state: JobState,
+    pub(crate) condition: Condition,
+    pub(crate) failures: u32,
+    pub(crate) reason: Option<String>,
+    /// Until a delayed job may be leased, s.
+    pub(crate) waits_s: Option<f64>,
+    pub(crate) lease: Option<LeaseView>,
+    pub(crate) result_of: Option<JobId>,
+}
+
+#[derive(sqlx::FromRow)]
+struct Raw {
+    id: Vec<u8>,
+    role: String,
+    state: String,
+    condition: String,
+    failures: i64,
+    reason: Option<String>,
+    not_before_ms: Option<i64>,
+    worker: Option<Vec<u8>>,
+    name: Option<String>,
+    leased_ms: Option<i64>,
+    lease_until_ms: Option<i64>,
+    result_of: Option<i64>,
+}
+
+impl Store {
+    /// All that decides on a job.
+    pub(crate) async fn circumstances(
+        &self,
+        job: JobId,
+        now: i64,
+        config: &Config,
+    ) -> Result<Circumstances, StoreError> {
+        let raw: Option<Raw> = sqlx::query_as(
+            "select s.id, j.role, j.state, s.condition, j.failures, j.reason, j.not_before_ms, j.worker, w.name,
+                    j.leased_ms, j.lease_until_ms, j.result_of
+             from jobs as j join studies as s on s.study = j.study left join workers as w on w.id = j.worker
+             where j.job = ?",
+        )
+        .bind(job.0)
+        .fetch_optional(self.readers())
+        .await?;
+        let raw = raw.ok_or(StoreError::UnknownJob(job))?;
+        let (role, state): (JobRole, JobState) = (named(&raw.role)?, named(&raw.state)?);
+        let seconds = |ms: i64| ms as f64 / 1000.0;
+        let lease = match (state, &raw.worker, raw.lease_until_ms) {
+            (JobState::Leased, Some(worker), Some(until)) => Some(LeaseView {
+                worker: WorkerId(uuid(worker)?),
+                name: raw.name.unwrap_or_default(),
+                running_s: raw.leased_ms.map(|since| seconds((now - since).max(0))),
+                run_limit_s: config.run_limits.of(kind_of(role)).as_secs_f64(),
+                expires_s: seconds((until - now).max(0)),
+            }),
+            _ => None,
+        };
+        Ok(Circumstances {
+            study: StudyId(uuid(&raw.id)?),
+            role,
+            state,
+            condition: named(&raw.condition)?,
+            failures: unsigned(raw.failures)?,
+            reason: raw.reason,
+            waits_s: raw.not_before_ms.map(|at| seconds((at - now).max(0))),
+            lease,
+            result_of: raw.result_of.map(JobId),
+        })
+    }
+
+    /// Ready jobs which are leased before this one.
+    pub(crate) async fn jobs_ahead(&self, job: JobId) -> Result<u64, StoreError> {
+        let ahead: i64 = sqlx::query_scalar(
+            "select coalesce((
+                 select sum(c.n) from study_counts as c join studies as s on s.study = c.study
+                 where c.state = 'ready' and s.condition = 'running'
+                   and (c.role = 'audit', c.role = 'sample', c.study) < (j.role = 'audit', j.role = 'sample', j.study)
+             ), 0) + (select count(*) from jobs as o
+                      where o.state = 'ready' and o.study = j.study and o.role = j.role and o.ordinal < j.ordinal)
+             from jobs as j where j.job = ?",
+        )
+        .bind(job.0)
+        .fetch_one(self.readers())
+        .await?;
+        unsigned(ahead)
+    }
+}
