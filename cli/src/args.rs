@@ -1,5 +1,6 @@
 //! The command line.
 
+mod analyse;
 mod bench;
 mod model;
 mod optimise;
@@ -7,6 +8,7 @@ mod record;
 mod report;
 mod solver;
 
+pub use analyse::{AnalyseCommand, FrontArgs, PopulationArgs, SobolArgs, SubjectArgs, SweepArgs, WeightChoice};
 pub use bench::{BenchAccuracyArgs, BenchCommand, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice};
 pub use model::{Model, ModelArgs};
 pub use optimise::{Method, OptimiseArgs};
@@ -66,6 +68,9 @@ pub enum Command {
     Optimum(TargetArgs),
     /// Ask a finished study for a further optimum on its network.
     Optimise(OptimiseArgs),
+    /// Ask a study's surrogate what the optimum depends on: fronts, indices, sweeps.
+    #[command(subcommand)]
+    Analyse(AnalyseCommand),
     /// Fly one stroke and print its means.
     Simulate(SimulateArgs),
     /// List the insect presets, or print one as a table to copy.

@@ -12,7 +12,7 @@ fn the_definition_is_sound() {
 
 #[test]
 fn every_command_has_help_and_needs_no_options() {
-    let lines = "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|report verification|insects|settings|slot";
+    let lines = "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|report verification|analyse sobol latest|analyse sweep latest|analyse population latest|insects|settings|slot";
     for line in lines.split('|') {
         assert!(parse(&format!("manduca {line}")).is_ok(), "{line}");
         let error = parse(&format!("manduca {line} --help")).unwrap_err();
@@ -69,6 +69,9 @@ fn nonsense_is_refused() {
         "simulate --set frequency",
         "study submit",
         "dataset x --format xls",
+        "analyse front latest",
+        "analyse front latest --quantity colour",
+        "analyse sobol latest --csv --json",
     ] {
         assert!(parse(&format!("manduca {line}")).is_err(), "{line}");
     }
