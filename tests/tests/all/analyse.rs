@@ -91,3 +91,30 @@ fn a_finished_studys_surrogate_answers_for_its_optimum() {
         assert!(code == Some(2) && said.contains(told), "{line}: {code:?} {said}");
     }
 }
+
+/// Trained, searched, refined and asked like networks.
+#[test]
+fn a_gaussian_process_takes_the_place_of_networks() {
+    let coordinator = Coordinator::start();
+    let _worker = coordinator.worker("only");
+    let mut study = study();
+    study["sampling"] = json!({ "samples": 200 });
+    study["surrogate"] = json!({ "kind": "gaussian-process" });
+    study["optimisations"][0]["refine_simulations"] = json!(60);
+    let id = coordinator.submit(&study);
+    let view = coordinator.wait_until_succeeded(&id);
+    assert!(view["surrogate"]["rmse"]["lift"].as_f64().unwrap() < 0.02, "{view}");
+    let surrogate = coordinator.get(&format!("/v1/studies/{id}/surrogate"));
+    assert_eq!((&surrogate["kind"], &surrogate["neurons"]), (&json!("gaussian-process"), &json!(0)));
+    assert_eq!((surrogate["stops"].as_array().unwrap().len(), &surrogate["curve"]), (4, &json!([])));
+    let model = coordinator.get(&format!("/v1/studies/{id}/surrogate/model"));
+    assert!(model["process"]["points"].as_array().unwrap().len() == 180 && model["networks"].is_null());
+
+    let optimum = coordinator.get(&format!("/v1/studies/{id}/optimum"))["optimisations"][0].clone();
+    assert_eq!((&optimum["status"], &optimum["refined"]["converged"]), (&json!("refined"), &json!(true)), "{optimum}");
+    let asked = json!({ "points": [optimum["parameters"]] });
+    let told = coordinator.post(&format!("/v1/studies/{id}/surrogate/predictions"), &asked).expect(200);
+    assert_eq!(told["predictions"][0], optimum["predicted"]);
+    let front = rows(&coordinator, "front latest --quantity frequency_hz --limits 30,32");
+    assert!(number(&front[0], "power") < number(&front[1], "power"), "{front:?}");
+}
