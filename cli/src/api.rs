@@ -1,12 +1,12 @@
 //! A coordinator as the command line sees it.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
+use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::network;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
-use manduca_protocol::task::{JobKind, Task};
-use manduca_protocol::view::{
-    JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView,
-};
+use manduca_protocol::task::SurrogateMessage;
+use manduca_protocol::view::{OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView};
 use manduca_protocol::watch::Explanation;
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
@@ -83,15 +83,10 @@ impl Api {
         http::call(self.http.get(&format!("/v1/studies/{id}/surrogate"))).await
     }
 
-    /// The first jobs of a kind.
-    pub async fn jobs(&self, id: StudyId, kind: JobKind) -> Result<Vec<JobView>, CallError> {
-        let request = self.http.get(&format!("/v1/studies/{id}/jobs")).query(&[("kind", kind)]);
-        Ok(http::call::<Page<JobView>>(request).await?.items)
-    }
-
-    /// What a job computes, with all its data.
-    pub async fn task(&self, job: JobId) -> Result<Task, CallError> {
-        http::call(self.http.get(&format!("/v1/jobs/{job}/task"))).await
+    /// Its surrogate, with all its numbers.
+    pub async fn model(&self, id: StudyId) -> Result<Surrogate> {
+        let message: SurrogateMessage = http::call(self.http.get(&format!("/v1/studies/{id}/surrogate/model"))).await?;
+        network::surrogate(&message).map_err(|why| anyhow!("the surrogate of study {id} is of another version: {why}"))
     }
 
     /// Asks for a further optimum on its network.

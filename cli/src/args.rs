@@ -1,5 +1,6 @@
 //! The command line.
 
+mod analyse;
 mod bench;
 mod model;
 mod operate;
@@ -9,6 +10,7 @@ mod report;
 mod solver;
 mod token;
 
+pub use analyse::{AnalyseCommand, FrontArgs, PopulationArgs, SobolArgs, SubjectArgs, SweepArgs, WeightChoice};
 pub use bench::{
     BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
 };
@@ -99,6 +101,9 @@ pub enum Command {
     Optimum(TargetArgs),
     /// Ask a finished study for a further optimum on its network.
     Optimise(OptimiseArgs),
+    /// Ask a study's surrogate what the optimum depends on: fronts, indices, sweeps.
+    #[command(subcommand)]
+    Analyse(AnalyseCommand),
     /// Fly one stroke and print its means.
     Simulate(SimulateArgs),
     /// List the insect presets, or print one as a table to copy.

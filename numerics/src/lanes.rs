@@ -51,7 +51,28 @@ const SERIES: [f64; 12] = [
 pub(crate) fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     let all = |v: f64| simd.splat_f64s(v);
     let inside = simd.min_f64s(simd.max_f64s(x, all(-SATURATION)), all(SATURATION));
-    let y = simd.add_f64s(inside, inside);
+    let (power, p) = power_and_rest(simd, simd.add_f64s(inside, inside));
+    let e = simd.mul_add_f64s(power, p, simd.sub_f64s(power, all(1.0)));
+    let result = simd.div_f64s(e, simd.add_f64s(e, all(2.0)));
+    // Machines differ in which of two operands a minimum keeps beside a NaN.
+    simd.select_f64s(simd.equal_f64s(x, x), result, x)
+}
+
+/// Below this the exponential's power of two would leave the normal numbers.
+const LEAST_EXPONENT: f64 = -700.0;
+
+/// e^x of each lane for x <= 0, relative error below 1e-15; e^-700 below that; NaN stays NaN.
+#[inline(always)]
+pub(crate) fn exp<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
+    let inside = simd.max_f64s(x, simd.splat_f64s(LEAST_EXPONENT));
+    let (power, p) = power_and_rest(simd, inside);
+    simd.select_f64s(simd.equal_f64s(x, x), simd.mul_add_f64s(power, p, power), x)
+}
+
+/// e^y = 2^n (1 + p): the power of two and p, |ln(1 + p)| <= ln(2)/2.
+#[inline(always)]
+fn power_and_rest<S: Simd>(simd: S, y: S::f64s) -> (S::f64s, S::f64s) {
+    let all = |v: f64| simd.splat_f64s(v);
     let rounded = simd.mul_add_f64s(y, all(std::f64::consts::LOG2_E), all(ROUNDER));
     let n = simd.sub_f64s(rounded, all(ROUNDER));
     let r = simd.mul_add_f64s(n, all(-LN_2_HIGH), y);
@@ -68,10 +89,7 @@ pub(crate) fn tanh<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     for bits in bits {
         *bits = bits.wrapping_add(1023) << 52;
     }
-    let e = simd.mul_add_f64s(power, p, simd.sub_f64s(power, all(1.0)));
-    let result = simd.div_f64s(e, simd.add_f64s(e, all(2.0)));
-    // Machines differ in which of two operands a minimum keeps beside a NaN.
-    simd.select_f64s(simd.equal_f64s(x, x), result, x)
+    (power, p)
 }
 
 /// sin x = x + x^3 (...): Taylor's series in x^2, highest power first, 1/19! ... 1/3!.
@@ -195,6 +213,7 @@ mod tests {
     #[derive(Clone, Copy)]
     enum Of {
         Tanh,
+        Exponential,
         Sine,
         Cosine,
         Arcsine,
@@ -213,6 +232,7 @@ mod tests {
                 let v = simd.partial_load_f64s(x);
                 let y = match self.0 {
                     Of::Tanh => tanh(simd, v),
+                    Of::Exponential => exp(simd, v),
                     Of::Sine => sin_cos(simd, v).0,
                     Of::Cosine => sin_cos(simd, v).1,
                     Of::Arcsine => asin(simd, v),
@@ -244,6 +264,7 @@ mod tests {
             (0..=200_001).map(|i| low + (high - low) * f64::from(i) / 200_001.0).collect()
         };
         agrees(Of::Tanh, &spread(-24.4, 24.4), math::tanh, 1e-15);
+        agrees(Of::Exponential, &spread(-699.9, 0.0), math::exp, 1e-15);
         agrees(Of::Sine, &spread(-FRAC_PI_2, FRAC_PI_2), math::sin, 1e-15);
         agrees(Of::Cosine, &spread(-FRAC_PI_2, FRAC_PI_2), math::cos, 1e-15);
         agrees(Of::Arcsine, &spread(0.0, 1.0), math::asin, 1e-15);

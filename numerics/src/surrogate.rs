@@ -28,6 +28,7 @@ mod levenberg;
 mod levenberg_tests;
 mod network;
 mod normal;
+pub mod process;
 mod products;
 mod projection;
 pub(crate) mod random;
@@ -45,6 +46,7 @@ pub(crate) use network::bad_bounds;
 #[cfg(test)]
 pub(crate) use network::tests::random_network;
 pub use network::{Network, NetworkError};
+pub use process::{Process, ProcessOutput};
 pub use settings::{Method, TrainError, TrainSettings};
 pub use train::{Checkpoint, Dataset, Epoch, Member, Stop, Training, train};
 

@@ -2,10 +2,12 @@
 //! shape; one of the wrong shape would panic deep inside, so it is checked here.
 
 use manduca_numerics::parameters::Bounds;
-use manduca_numerics::surrogate::{Checkpoint, Epoch, Frame, Member, Network, Stop, Surrogate};
+use manduca_numerics::surrogate::process::AscentStop;
+use manduca_numerics::surrogate::{Checkpoint, Epoch, Frame, Member, Network, Process, ProcessOutput, Stop, Surrogate};
 
 use crate::task::{
-    BoundsMessage, EpochMessage, FrameMessage, MemberMessage, NetworkMessage, SurrogateMessage, TrainCheckpoint,
+    BoundsMessage, EpochMessage, FrameMessage, MemberMessage, NetworkMessage, ProcessMessage, ProcessOutputMessage,
+    SurrogateMessage, TrainCheckpoint,
 };
 
 impl From<&Bounds> for BoundsMessage {
@@ -38,7 +40,36 @@ impl From<&Surrogate> for SurrogateMessage {
             Frame::Paper => FrameMessage::Paper,
             Frame::Physical { reference_hz, arm, mirror } => FrameMessage::Physical { reference_hz, arm, mirror },
         };
-        Self { frame, networks: surrogate.members().iter().map(Into::into).collect() }
+        let networks = surrogate.members().iter().map(Into::into).collect();
+        Self { frame, networks, process: surrogate.process().map(|p| Box::new(p.into())) }
+    }
+}
+
+impl From<&Process> for ProcessMessage {
+    fn from(process: &Process) -> Self {
+        let output = |o: &ProcessOutput| ProcessOutputMessage {
+            lengths: o.lengths,
+            amplitude: o.amplitude,
+            noise: o.noise,
+            mean: o.mean,
+            weights: o.weights.clone(),
+        };
+        let outputs = process.outputs.each_ref().map(output);
+        Self { bounds: (&process.bounds).into(), points: process.points.clone(), outputs }
+    }
+}
+
+impl From<&ProcessMessage> for Process {
+    fn from(message: &ProcessMessage) -> Self {
+        let output = |o: &ProcessOutputMessage| ProcessOutput {
+            lengths: o.lengths,
+            amplitude: o.amplitude,
+            noise: o.noise,
+            mean: o.mean,
+            weights: o.weights.clone(),
+        };
+        let outputs = message.outputs.each_ref().map(output);
+        Self { bounds: (&message.bounds).into(), points: message.points.clone(), outputs }
     }
 }
 
@@ -60,7 +91,7 @@ pub fn network(message: &NetworkMessage) -> Result<Network, String> {
 /// The surrogate of a message.
 ///
 /// # Errors
-/// A sentence, when its numbers are none or its networks do not fit together.
+/// A sentence, when its numbers are none or do not fit together.
 pub fn surrogate(message: &SurrogateMessage) -> Result<Surrogate, String> {
     let frame = match message.frame {
         FrameMessage::Paper => Frame::Paper,
@@ -71,6 +102,12 @@ pub fn surrogate(message: &SurrogateMessage) -> Result<Surrogate, String> {
             Frame::Physical { reference_hz, arm, mirror }
         }
     };
+    if let Some(process) = &message.process {
+        if !message.networks.is_empty() {
+            return Err("it has both networks and a gaussian process".into());
+        }
+        return Surrogate::of_process(frame, (&**process).into()).map_err(|e| e.to_string());
+    }
     let networks = message.networks.iter().map(network).collect::<Result<_, _>>()?;
     Surrogate::new(frame, networks).map_err(|e| e.to_string())
 }
@@ -115,6 +152,16 @@ const STOPS: [(Stop, &str); 5] = [
 /// A reason to stop as it is told.
 pub fn stopped(stop: Stop) -> &'static str {
     STOPS.iter().find(|(s, _)| *s == stop).map_or("", |(_, told)| told)
+}
+
+/// Why the search of a gaussian process's numbers ended, as it is told.
+pub fn climbed(stop: AscentStop) -> &'static str {
+    match stop {
+        AscentStop::Flat => "the likelihood no longer rose",
+        AscentStop::MaxIterations => "all iterations were made",
+        AscentStop::Stuck => "no step made the samples likelier",
+        AscentStop::Interrupted => "interrupted",
+    }
 }
 
 /// A checkpoint as it travels.
@@ -179,7 +226,7 @@ mod tests {
     #[test]
     fn a_surrogate_survives_its_message() {
         let frame = FrameMessage::Physical { reference_hz: 27.5, arm: [0.1, -0.7], mirror: true };
-        let sent = SurrogateMessage { frame, networks: vec![message(), message()] };
+        let sent = SurrogateMessage { frame, networks: vec![message(), message()], process: None };
         let json = serde_json::to_string(&sent).unwrap();
         let taken = surrogate(&serde_json::from_str(&json).unwrap()).unwrap();
         assert_eq!(SurrogateMessage::from(&taken), sent);
@@ -187,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_surrogate_of_the_wrong_shape_is_refused() {
-        let of = |networks| surrogate(&SurrogateMessage { frame: FrameMessage::Paper, networks });
+        let of = |networks| surrogate(&SurrogateMessage { frame: FrameMessage::Paper, networks, process: None });
         assert!(of(vec![message()]).is_ok());
         assert!(of(Vec::new()).is_err());
         let mut short = message();
@@ -197,7 +244,32 @@ mod tests {
         elsewhere.bounds.upper[4] = 2.0;
         assert!(of(vec![message(), elsewhere]).is_err());
         let frame = FrameMessage::Physical { reference_hz: 0.0, arm: [0.0; 2], mirror: true };
-        assert!(surrogate(&SurrogateMessage { frame, networks: vec![message()] }).is_err());
+        assert!(surrogate(&SurrogateMessage { frame, networks: vec![message()], process: None }).is_err());
+    }
+
+    #[test]
+    fn a_gaussian_process_survives_its_message_and_stands_alone() {
+        let bounds = BoundsMessage { lower: [0.0; 10], upper: [1.0; 10] };
+        let output = ProcessOutputMessage {
+            lengths: [1.0 / 3.0; 10],
+            amplitude: 2.0,
+            noise: 1e-3,
+            mean: 0.1,
+            weights: vec![0.7, -1e-17],
+        };
+        let process =
+            ProcessMessage { bounds, points: vec![[0.25; 10], [0.1; 10]], outputs: [(); 4].map(|()| output.clone()) };
+        let mut sent =
+            SurrogateMessage { frame: FrameMessage::Paper, networks: Vec::new(), process: Some(Box::new(process)) };
+        let json = serde_json::to_string(&sent).unwrap();
+        let taken = surrogate(&serde_json::from_str(&json).unwrap()).unwrap();
+        assert_eq!(SurrogateMessage::from(&taken), sent);
+        assert!(taken.predict(&[0.25; 10])[0] > 0.1);
+        sent.networks.push(message());
+        assert!(surrogate(&sent).unwrap_err().contains("both"));
+        sent.networks.clear();
+        sent.process.as_mut().unwrap().outputs[3].weights.pop();
+        assert!(surrogate(&sent).unwrap_err().contains("weights has 1 numbers; 2"), "{:?}", surrogate(&sent));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use manduca_numerics::optimise::sqp::SqpSettings;
 use manduca_numerics::optimise::{GaSettings, SimplexSettings};
 use manduca_numerics::parameters::{Bounds, TABLE, index};
 use manduca_numerics::simulation::{BodyVelocity, Model, Simulation};
+use manduca_numerics::surrogate::process::MOST_POINTS;
 use manduca_numerics::surrogate::{self, TrainSettings};
 use manduca_numerics::table::Table;
 use manduca_numerics::{quasi_steady, uvlm};
@@ -16,7 +17,8 @@ use manduca_numerics::{quasi_steady, uvlm};
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
 use crate::study::{
-    ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateSpec, TrainMethod,
+    ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateKind, SurrogateSpec,
+    TrainMethod,
 };
 
 /// Most samples of one study.
@@ -252,6 +254,11 @@ fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faul
     let rest = 1.0 - spec.train_share - spec.validation_share;
     if samples > 0 && rest * f64::from(samples) < 1.0 - 1e-9 {
         faults.add("/surrogate/train_share", "leaves no sample to test with");
+    }
+    let fitted = f64::from(samples) * (spec.train_share + spec.validation_share);
+    if spec.kind == SurrogateKind::GaussianProcess && fitted.floor() > MOST_POINTS as f64 {
+        let why = format!("a gaussian process takes at most {MOST_POINTS} samples; {fitted:.0} would be fitted");
+        faults.add("/surrogate/kind", why);
     }
     TrainSettings {
         neurons: spec.neurons as usize,

@@ -134,7 +134,18 @@ pub enum TrainMethod {
     LevenbergMarquardt,
 }
 
-/// What the networks learn.
+/// What predicts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SurrogateKind {
+    /// Networks of one hidden layer.
+    #[default]
+    Network,
+    /// A gaussian process: more exact with up to some 2000 samples, slower to ask the more there are.
+    GaussianProcess,
+}
+
+/// What the surrogate learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Features {
@@ -145,15 +156,18 @@ pub enum Features {
     Paper,
 }
 
-/// The neural network and its training.
+/// The surrogate and its training. A gaussian process takes `features` and the shares alone, and fits
+/// to the training and the validation share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SurrogateSpec {
+    /// `network` or `gaussian-process`.
+    pub kind: SurrogateKind,
     /// Neurons in the hidden layer.
     pub neurons: u32,
     /// How the weights are searched.
     pub method: TrainMethod,
-    /// What the networks learn.
+    /// What it learns.
     pub features: Features,
     /// Networks of different first weights whose mean is the prediction.
     pub ensemble: u32,
@@ -170,6 +184,7 @@ pub struct SurrogateSpec {
 impl Default for SurrogateSpec {
     fn default() -> Self {
         Self {
+            kind: SurrogateKind::default(),
             neurons: 500,
             method: TrainMethod::default(),
             features: Features::default(),

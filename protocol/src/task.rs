@@ -10,8 +10,8 @@ use crate::study::ModelSpec;
 
 pub use crate::optimum::{GenerationMessage, LocalOptimum, Optimality, OptimiseResult, OptimiseTask, Prices};
 pub use crate::training::{
-    EpochMessage, ErrorsMessage, FrameMessage, MemberMessage, NetworkMessage, SurrogateMessage, TrainCheckpoint,
-    TrainResult, TrainSample, TrainTask,
+    EpochMessage, ErrorsMessage, FrameMessage, MemberMessage, NetworkMessage, ProcessMessage, ProcessOutputMessage,
+    SurrogateMessage, TrainCheckpoint, TrainResult, TrainSample, TrainTask,
 };
 
 /// Kind of a job.

@@ -69,13 +69,43 @@ pub enum FrameMessage {
     },
 }
 
-/// A trained surrogate: the mean of its networks in their frame.
+/// One output of a gaussian process.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProcessOutputMessage {
+    /// Lengths of correlation, of a box from -1 to 1.
+    pub lengths: [f64; 10],
+    /// Standard deviation about the mean.
+    pub amplitude: f64,
+    /// Standard deviation of what samples have beside it and their standard errors.
+    pub noise: f64,
+    /// Mean.
+    pub mean: f64,
+    /// One weight per point.
+    pub weights: Vec<f64>,
+}
+
+/// A gaussian process of squared-exponential covariance, one length per parameter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProcessMessage {
+    /// Bounds of the inputs.
+    pub bounds: BoundsMessage,
+    /// The samples' ten values, in table order.
+    pub points: Vec<[f64; 10]>,
+    /// The four outputs of the frame.
+    pub outputs: [ProcessOutputMessage; 4],
+}
+
+/// A trained surrogate in its frame: the mean of networks, or a gaussian process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SurrogateMessage {
-    /// What the networks learnt.
+    /// What was learnt.
     pub frame: FrameMessage,
-    /// One or more networks of the same bounds.
+    /// One or more networks of the same bounds; none where a gaussian process predicts.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub networks: Vec<NetworkMessage>,
+    /// The gaussian process, in place of networks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub process: Option<Box<ProcessMessage>>,
 }
 
 /// One network of an ensemble, trained.
@@ -146,9 +176,9 @@ pub struct ErrorsMessage {
 pub struct TrainResult {
     /// What predicts.
     pub surrogate: SurrogateMessage,
-    /// Training curves, one network after the other.
+    /// Training curves, one network after the other; empty of a gaussian process.
     pub curve: Vec<EpochMessage>,
-    /// Iteration each network is from.
+    /// Iteration each network is from; of a gaussian process, iterations of each output's likelihood.
     pub best_iterations: Vec<u32>,
     /// Why each stopped.
     pub stops: Vec<String>,

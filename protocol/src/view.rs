@@ -7,7 +7,7 @@ use crate::ids::{JobId, StudyId, WorkerId};
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
 use crate::search::Standing;
-use crate::study::StudySpec;
+use crate::study::{StudySpec, SurrogateKind};
 use crate::task::{EpochMessage, ErrorsMessage, JobKind, Optimality, Progress, Provenance, Scaled, SimulateResult};
 use crate::task::{OptimiseResult, ScaledEstimates};
 
@@ -152,7 +152,10 @@ pub struct StudyView {
 /// Training without the weights, also while it runs. `GET /v1/studies/{study}/surrogate`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SurrogateView {
-    /// Training curves, one network after the other; while it trains, as far as it is.
+    /// What predicts.
+    #[serde(default)]
+    pub kind: SurrogateKind,
+    /// Training curves, one network after the other; while it trains, as far as it is. A gaussian process has none.
     pub curve: Vec<EpochMessage>,
     /// Iteration each finished network is from.
     #[serde(default)]
@@ -160,7 +163,7 @@ pub struct SurrogateView {
     /// Why each finished network stopped.
     #[serde(default)]
     pub stops: Vec<String>,
-    /// Neurons of each network.
+    /// Neurons of each network; 0 of a gaussian process.
     pub neurons: u32,
     /// Errors on the training share, once it is done.
     pub train: Option<ErrorsMessage>,

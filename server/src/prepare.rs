@@ -4,6 +4,7 @@
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::network;
 use manduca_protocol::search::{SearchNext, SearchResult};
+use manduca_protocol::study::SurrogateKind;
 use manduca_protocol::task::{JobKind, JobResult, SimulateOutcome, TrainCheckpoint, TrainResult};
 use manduca_protocol::view::{SearchView, SurrogateView};
 use manduca_protocol::worker::Completion;
@@ -91,7 +92,9 @@ fn standing(result: SearchResult) -> SearchView {
 /// A training without its weights.
 fn summary(result: TrainResult) -> SurrogateView {
     let neurons = result.surrogate.networks.first().map_or(0, |n| n.hidden_biases.len());
+    let process = result.surrogate.process.is_some();
     SurrogateView {
+        kind: if process { SurrogateKind::GaussianProcess } else { SurrogateKind::Network },
         neurons: u32::try_from(neurons).unwrap_or(u32::MAX),
         curve: result.curve,
         best_iterations: result.best_iterations,
@@ -108,5 +111,6 @@ pub(crate) fn running(at: TrainCheckpoint) -> SurrogateView {
     let best_iterations = at.members.iter().map(|m| m.best_iteration).collect();
     let stops = at.members.iter().map(|m| m.stopped.clone()).collect();
     let curve = at.members.into_iter().flat_map(|m| m.curve).chain(at.curve).collect();
-    SurrogateView { neurons, curve, best_iterations, stops, train: None, validation: None, test: None }
+    let kind = SurrogateKind::Network;
+    SurrogateView { kind, neurons, curve, best_iterations, stops, train: None, validation: None, test: None }
 }

@@ -3,6 +3,9 @@
 // A test which cannot go on panics, in its helpers too.
 #![allow(clippy::unwrap_used)]
 
+// What a finished study's surrogate is asked.
+#[path = "all/analyse.rs"]
+mod analyse;
 // Processes killed in mid-study: nothing lost, nothing twice, the same bytes.
 #[path = "all/crash.rs"]
 mod crash;

@@ -68,12 +68,13 @@ pub enum FeaturesChoice {
     Paper,
 }
 
-/// How the weights are searched.
+/// How the networks' weights are searched, or that there is no network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[allow(missing_docs)]
 pub enum MethodChoice {
     VariableProjection,
     LevenbergMarquardt,
+    GaussianProcess,
 }
 
 /// `manduca bench accuracy`.
@@ -81,7 +82,8 @@ pub enum MethodChoice {
 #[command(after_help = "\
 Datasets are what `manduca dataset` writes, CSV by the ending of the name, else NDJSON. The
 second should be of long flights with small standard errors. Without them blade elements
-stand in. Nine tenths of the samples are fitted, one tenth says when to stop.
+stand in. Networks are fitted to nine tenths of the samples, one tenth says when to stop; a gaussian
+process is fitted to all.
 
 Examples:
   manduca bench accuracy --train samples.csv --test truth.csv
@@ -103,7 +105,7 @@ pub struct BenchAccuracyArgs {
     #[arg(long, value_delimiter = ',', default_values = ["paper", "physical"])]
     pub features: Vec<FeaturesChoice>,
     /// Methods.
-    #[arg(long, value_delimiter = ',', default_values = ["levenberg-marquardt", "variable-projection"])]
+    #[arg(long, value_delimiter = ',', default_values = ["levenberg-marquardt", "variable-projection", "gaussian-process"])]
     pub methods: Vec<MethodChoice>,
     /// Sizes of ensembles.
     #[arg(long, value_delimiter = ',', default_values_t = [1, 3])]

@@ -10,7 +10,7 @@ use manduca_numerics::simulation::Model;
 use manduca_numerics::table::Table;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::ResolvedStudy;
-use manduca_protocol::study::{Method, StudySpec};
+use manduca_protocol::study::{Method, StudySpec, SurrogateKind};
 use serde::Serialize;
 
 use crate::args::SubmitArgs;
@@ -96,7 +96,13 @@ fn print(out: &mut Output, name: &str, report: &Report<'_>) -> io::Result<()> {
         model.elastic_storage
     ))?;
     if spec.sampling.samples > 0 {
-        out.line(format_args!("network   {} neurons, at most {} iterations", network.neurons, network.max_iterations))?;
+        match network.kind {
+            SurrogateKind::Network => out.line(format_args!(
+                "network   {} neurons, at most {} iterations",
+                network.neurons, network.max_iterations
+            ))?,
+            SurrogateKind::GaussianProcess => out.line("surrogate gaussian process")?,
+        }
     }
     for optimisation in &spec.optimisations {
         let how = match optimisation.method {

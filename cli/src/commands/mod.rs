@@ -1,5 +1,6 @@
 //! One module per command.
 
+mod analyse;
 mod bench;
 mod dataset;
 mod db;
@@ -40,6 +41,7 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Study(command) => study::dispatch(command).await,
         Command::Optimum(args) => study::optimum(args).await,
         Command::Optimise(args) => optimise::optimise(args).await,
+        Command::Analyse(command) => analyse::analyse(command).await,
         Command::Dataset(args) => dataset::dataset(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command).await,

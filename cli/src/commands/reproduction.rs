@@ -2,12 +2,12 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::task::{Estimate, JobKind, OptimiseTask, SimulateOutcome, Task};
+use manduca_protocol::resolve;
+use manduca_protocol::task::{Estimate, SimulateOutcome};
 use manduca_protocol::view::{OptimumView, StudyView};
-use manduca_protocol::{network, resolve};
 use manduca_report::reproduction::{self, Effort, Five, Found, Optimum, Side, Study};
 
 use crate::api::Api;
@@ -35,8 +35,7 @@ pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
 
 async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
     let view = api.study(id).await?;
-    let task = optimisation(api, id).await?;
-    let surrogate = network::surrogate(&task.surrogate).map_err(anyhow::Error::msg)?;
+    let surrogate = api.model(id).await?;
     let resolved = resolve::study(&view.spec).map_err(|_| anyhow::anyhow!("the study is of another version"))?;
     let training = api.surrogate(id).await?;
     let first = training.curve.iter().filter(|e| e.network == 0);
@@ -71,15 +70,6 @@ async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
     }
     facts.push(("wall time".to_owned(), render::study::stages(&view.stages_s)));
     Ok(Side { facts, optimum })
-}
-
-/// The task of any of the study's optimisations: it has the surrogate.
-async fn optimisation(api: &Api, id: StudyId) -> Result<OptimiseTask> {
-    let job = api.jobs(id, JobKind::Optimise).await?.into_iter().next().context("the study has no optimisation")?;
-    match api.task(job.id).await? {
-        Task::Optimise(task) => Ok(task),
-        _ => bail!("job {} is no optimisation", job.id),
-    }
 }
 
 async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, String)>> {

@@ -29,7 +29,7 @@ fn number(value: f64) -> String {
 }
 
 /// A number with so many digits; what rounds to nothing has no sign.
-fn fixed(value: f64, digits: usize) -> String {
+pub fn fixed(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     if text.trim_start_matches(['-', '0', '.']).is_empty() { text.replace('-', "") } else { text }
 }

@@ -24,7 +24,7 @@ pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
     if let Some(surrogate) = &result.surrogate {
         let errors =
             OUTPUTS.iter().zip(scaled(&surrogate.rmse)).map(|((_, _, symbol, _), e)| format!("{symbol} {e:.4}"));
-        out.line(format_args!("network   test errors (rms): {}", errors.collect::<Vec<_>>().join(", ")))?;
+        out.line(format_args!("surrogate test errors (rms): {}", errors.collect::<Vec<_>>().join(", ")))?;
     }
     let counts = result.samples;
     let mut samples = format!("samples   {} flown", counts.succeeded);
@@ -75,7 +75,7 @@ fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
     let refined = optimum.refined.as_ref().and_then(|r| r.standing.best.as_ref());
     let refined = refined.map(|best| Some(best.parameters.0));
     let points: Vec<_> = [found].into_iter().chain(refined).chain([Some(paper.parameters)]).collect();
-    let first = if optimum.breeding.is_some() { "generations'" } else { "network's" };
+    let first = if optimum.breeding.is_some() { "generations'" } else { "surrogate's" };
     let columns = if refined.is_some() { vec![first, "refined"] } else { vec!["this study"] };
     out.table(&header("parameter", &columns), &parameter_rows(&points))?;
     out.line("")?;

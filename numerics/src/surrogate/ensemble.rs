@@ -1,6 +1,7 @@
-//! The surrogate: networks in their frame, as one function of the ten parameters.
+//! The surrogate: what was learnt in its frame, as one function of the ten parameters.
 
 use super::features::{Frame, MIRROR_SIGNS};
+use super::process::{Process, Ready};
 use super::{Jacobian, Network, NetworkError};
 use crate::parameters::{COUNT, Point, at};
 use rayon::prelude::*;
@@ -8,7 +9,8 @@ use rayon::prelude::*;
 /// Points mapped by one parallel task.
 const TASK: usize = 4096;
 
-/// Predicts L+, D+, M+, P+ of a stroke: the mean of one or more networks in a frame.
+/// Predicts L+, D+, M+, P+ of a stroke: the mean of one or more networks, or a gaussian
+/// process, in a frame.
 ///
 /// All networks are laid side by side as one, whose output weights are theirs over
 /// their number. Where the mirror law holds each is joined by its own mirror image,
@@ -17,8 +19,16 @@ const TASK: usize = 4096;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surrogate {
     frame: Frame,
-    members: Vec<Network>,
-    joined: Network,
+    learnt: Learnt,
+}
+
+/// What predicts in the frame.
+#[derive(Debug, Clone, PartialEq)]
+enum Learnt {
+    /// Networks, and all of them as one.
+    Networks(Vec<Network>, Box<Network>),
+    /// A gaussian process.
+    Process(Box<Ready>),
 }
 
 impl Surrogate {
@@ -35,34 +45,58 @@ impl Surrogate {
             return Err(NetworkError::Bounds { index });
         }
         let joined = join(&frame, &members);
-        Ok(Self { frame, members, joined })
+        Ok(Self { frame, learnt: Learnt::Networks(members, Box::new(joined)) })
     }
 
     /// A single network of the ten parameters themselves.
     pub fn of(network: Network) -> Self {
-        Self { frame: Frame::Paper, joined: network.clone(), members: vec![network] }
+        Self { frame: Frame::Paper, learnt: Learnt::Networks(vec![network.clone()], Box::new(network)) }
     }
 
-    /// The map between strokes and networks.
+    /// A gaussian process in its frame.
+    ///
+    /// # Errors
+    /// When its numbers are none or do not fit together.
+    pub fn of_process(frame: Frame, process: Process) -> Result<Self, NetworkError> {
+        Ok(Self { frame, learnt: Learnt::Process(Box::new(Ready::new(&frame, process)?)) })
+    }
+
+    /// The map between strokes and what was learnt.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The networks.
+    /// The networks; none where a gaussian process predicts.
     pub fn members(&self) -> &[Network] {
-        &self.members
+        match &self.learnt {
+            Learnt::Networks(members, _) => members,
+            Learnt::Process(_) => &[],
+        }
+    }
+
+    /// The gaussian process, where one predicts.
+    pub fn process(&self) -> Option<&Process> {
+        match &self.learnt {
+            Learnt::Networks(..) => None,
+            Learnt::Process(ready) => Some(&ready.process),
+        }
     }
 
     /// `[L+, D+, M+, P+]` at a point in table units.
     pub fn predict(&self, x: &Point) -> [f64; 4] {
-        self.frame.outward(x, &self.joined.predict(x))
+        let mut out = [[0.0; 4]];
+        self.predict_into(std::slice::from_ref(x), &mut out);
+        out[0]
     }
 
     /// Predicts a batch in parallel; each result has the bits of [`Surrogate::predict`].
     ///
     /// Where the two slices differ in length, the shorter one counts.
     pub fn predict_into(&self, xs: &[Point], out: &mut [[f64; 4]]) {
-        self.joined.predict_into(xs, out);
+        match &self.learnt {
+            Learnt::Networks(_, joined) => joined.predict_into(xs, out),
+            Learnt::Process(process) => process.predict_into(xs, out),
+        }
         if self.frame == Frame::Paper {
             return;
         }
@@ -75,7 +109,7 @@ impl Surrogate {
 
     /// Outputs at a point in table units and their derivatives by the ten parameters,
     /// one row per output; those by parameters which the frame does not know and the
-    /// networks hold are 0.
+    /// box holds are 0.
     pub fn jacobian(&self, x: &Point) -> Jacobian {
         let mut out = [([0.0; 4], [[0.0; COUNT]; 4])];
         self.jacobians_into(std::slice::from_ref(x), &mut out);
@@ -84,13 +118,16 @@ impl Surrogate {
 
     /// The same at many points, on the calling thread; the shorter slice counts.
     pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
-        self.joined.jacobians_into(xs, out);
+        match &self.learnt {
+            Learnt::Networks(_, joined) => joined.jacobians_into(xs, out),
+            Learnt::Process(process) => process.jacobians_into(xs, out),
+        }
         for (x, place) in xs.iter().zip(out) {
             *place = self.outward(x, place);
         }
     }
 
-    /// From the networks' outputs and derivatives to those of the means.
+    /// From outputs and derivatives in the frame to those of the means.
     fn outward(&self, x: &Point, (inside, slopes): &Jacobian) -> Jacobian {
         let (by_inside, by_frame) = self.frame.slopes(x, inside);
         let mut jacobian = [[0.0; COUNT]; 4];

@@ -93,6 +93,25 @@ impl Frame {
         }
     }
 
+    /// Whether predictions obey the mirror law.
+    pub fn is_mirrored(&self) -> bool {
+        matches!(self, Self::Physical { mirror: true, .. })
+    }
+
+    /// Squares of a sample's standard errors, as if independent of each other, in the frame.
+    pub(crate) fn variances(&self, sample: &Sample) -> [f64; 4] {
+        let mut variances = [0.0; 4];
+        for (k, se) in sample.se.iter().enumerate() {
+            let mut error = [0.0; 4];
+            error[k] = *se;
+            // What the frame does to means is linear.
+            for (variance, part) in variances.iter_mut().zip(self.inward(&sample.x, &error)) {
+                *variance += part * part;
+            }
+        }
+        variances
+    }
+
     /// The box of the network's inputs: what the laws know is held, what is mirrored is symmetric.
     pub fn bounds(&self, given: &Bounds) -> Bounds {
         let mut bounds = *given;

@@ -38,6 +38,9 @@ pub enum NetworkError {
     /// There are no neurons.
     #[error("a network needs at least one neuron")]
     Empty,
+    /// There are no points.
+    #[error("a gaussian process needs at least one point")]
+    NoPoints,
     /// An array has the wrong length.
     #[error("{array} has {found} numbers; {expected} are needed")]
     Shape {

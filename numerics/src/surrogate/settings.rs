@@ -78,6 +78,18 @@ pub enum TrainError {
         /// How many it would hold.
         found: usize,
     },
+    /// More samples than a gaussian process can hold.
+    #[error("{samples} samples to fit; a gaussian process takes at most {}", super::process::MOST_POINTS)]
+    TooManySamples {
+        /// How many there are.
+        samples: usize,
+    },
+    /// The covariances of the samples are no matrix which can be factorised.
+    #[error("output {output} has samples whose covariances are singular")]
+    NotPositive {
+        /// Name of the output.
+        output: &'static str,
+    },
     /// A sample holds NaN, infinity or a number too large to square.
     #[error("sample {index} holds a number which is not finite")]
     NotFinite {

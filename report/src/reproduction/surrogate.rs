@@ -28,6 +28,10 @@ pub(super) fn write(
         "Units are W, W, W c and P0 = 84.2 mW; the paper's are of its own scales. Errors against exact simulations, \
          by features, method and number of samples, are printed by `manduca bench accuracy`.",
     );
+    // A gaussian process has no iterations to draw.
+    if study.curve.is_empty() {
+        return Ok(());
+    }
     let curve = |label: &str, share: usize| {
         let points = study.curve.iter().map(|e| (e[0], manduca_numerics::math::ln(e[share]) / std::f64::consts::LN_10));
         Series::new(label, Mark::Line, points)

@@ -4,7 +4,7 @@ use axum::Json;
 use axum::extract::State;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::task::Scaled;
+use manduca_protocol::task::{Scaled, SurrogateMessage};
 use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
 use manduca_protocol::{network, resolve};
 use utoipa_axum::router::OpenApiRouter;
@@ -22,7 +22,7 @@ const MOST_POINTS: usize = 1000;
 const NOT_YET: ApiError = ApiError::NotYet("the study has no network yet");
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
-    OpenApiRouter::new().routes(routes!(show)).routes(routes!(predict))
+    OpenApiRouter::new().routes(routes!(show)).routes(routes!(model)).routes(routes!(predict))
 }
 
 /// The training curve and the errors on each share of the samples; while it trains, the curve so far.
@@ -37,6 +37,17 @@ async fn show(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<J
     }
     let under_way = state.store().checkpoint_of(study).await?;
     under_way.map(|at| Json(running(*at))).ok_or(NOT_YET)
+}
+
+/// The surrogate itself, with all its numbers: what asks more of it than predictions computes with it elsewhere.
+#[utoipa::path(get, path = "/v1/studies/{study}/surrogate/model", tag = "studies", params(("study" = StudyId, Path)),
+    responses(
+        (status = 200, body = SurrogateMessage),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+async fn model(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<SurrogateMessage>, ApiError> {
+    let study = state.store().study_number(study).await?;
+    Ok(Json(state.store().training_of(study).await?.ok_or(NOT_YET)?.surrogate))
 }
 
 /// What the network predicts for strokes.

@@ -221,6 +221,7 @@ mod tests {
                     output_weights,
                     output_biases: [lift, 0.0, 0.0, 0.0],
                 }],
+                process: None,
             },
         }
     }

@@ -3,7 +3,9 @@
 use std::ops::ControlFlow;
 
 use manduca_numerics::simulation::SOLVER_VERSION;
+use manduca_numerics::surrogate::process::{self, FitProgress};
 use manduca_numerics::surrogate::{self, Checkpoint, Dataset, Errors, Sample, TrainError, TrainSettings, Training};
+use manduca_protocol::study::SurrogateKind;
 use manduca_protocol::task::{self, ErrorsMessage, Progress, TrainResult, TrainTask};
 use manduca_protocol::{network, resolve};
 
@@ -17,6 +19,9 @@ pub(super) fn train(task: &TrainTask, listener: &mut dyn Listener) -> Result<Tra
     let samples: Vec<Sample> = task.dataset.iter().map(|s| Sample { x: s.x, y: s.y, se: s.se }).collect();
     let bounds = bounds(&task.bounds);
     let data = Dataset { samples: &samples, bounds: &bounds, insect: &insect };
+    if task.surrogate.kind == SurrogateKind::GaussianProcess {
+        return fit(&data, &settings, listener);
+    }
     let start = task.checkpoint.as_ref().and_then(|at| network::checkpoint(at).ok());
     let training = match run(&data, &settings, start, listener) {
         // What an earlier attempt left is a help, never a condition.
@@ -24,6 +29,27 @@ pub(super) fn train(task: &TrainTask, listener: &mut dyn Listener) -> Result<Tra
         done => done,
     };
     result(&training.map_err(|e| ComputeError::Failed(e.to_string()))?)
+}
+
+/// The likeliest gaussian process. It is begun again where it was lost: it takes a minute or two.
+fn fit(data: &Dataset<'_>, settings: &TrainSettings, listener: &mut dyn Listener) -> Result<TrainResult, ComputeError> {
+    let mut hear = |at: &FitProgress| {
+        let (done, total) = (at.ended as u64, at.ascents as u64);
+        let note = format!("iteration {}, log likelihood {:.1}", at.iteration, at.likelihood);
+        listener.progress(Progress { done, total, note });
+        ControlFlow::Continue(())
+    };
+    let found = process::fit(data, settings, &mut hear).map_err(|e| ComputeError::Failed(e.to_string()))?;
+    Ok(TrainResult {
+        surrogate: (&found.surrogate).into(),
+        curve: Vec::new(),
+        best_iterations: found.ascents.iter().map(|a| count_of(a.iterations)).collect(),
+        stops: found.ascents.iter().map(|a| network::climbed(a.stop).into()).collect(),
+        train: errors(&found.train)?,
+        validation: errors(&found.validation)?,
+        test: errors(&found.test)?,
+        solver_version: SOLVER_VERSION.into(),
+    })
 }
 
 fn run(
@@ -155,6 +181,19 @@ mod tests {
         assert_eq!(train(&second, &mut All::default()).unwrap(), whole);
         second.checkpoint.as_mut().unwrap().best.hidden_biases.pop();
         assert_eq!(train(&second, &mut All::default()).unwrap(), whole);
+    }
+
+    #[test]
+    fn a_gaussian_process_is_fitted_in_place_of_networks() {
+        let mut task = task(120);
+        task.surrogate.kind = SurrogateKind::GaussianProcess;
+        let mut heard = All::default();
+        let result = train(&task, &mut heard).unwrap();
+        assert!(result.surrogate.networks.is_empty() && result.curve.is_empty());
+        assert_eq!(result.surrogate.process.as_ref().unwrap().points.len(), 108);
+        assert_eq!((result.best_iterations.len(), result.test.count), (4, 12));
+        assert!(result.test.rmse.lift < 0.01 && result.test.rmse.pitch_moment < 0.02, "{:?}", result.test);
+        assert!(!heard.progress.is_empty() && heard.checkpoints.is_empty());
     }
 
     #[test]

@@ -49,6 +49,30 @@ pub fn front(
     limits.iter().map(point).collect()
 }
 
+/// The whole front about the optimum: limits below its value bound the parameter from above,
+/// limits above it from below, so that every limit asks for something.
+///
+/// Returns the optimum without a further bound, and a point with its side for each limit, in their order.
+///
+/// # Errors
+/// As [`front`], and when no stroke of the box is in trim.
+pub fn whole_front(
+    flight: &Flight<'_>,
+    settings: &SqpSettings,
+    parameter: usize,
+    limits: &[f64],
+) -> Result<(LocalOptimum, Vec<(Side, FrontPoint)>), OptimiseError> {
+    let optimum = best(flight, settings)?.ok_or(OptimiseError::NothingConverged { starts: settings.starts })?;
+    let point = |&limit: &f64| {
+        inside(flight, parameter, limit)?;
+        let side = if limit < optimum.point[parameter] { Side::Upper } else { Side::Lower };
+        let found = front(flight, settings, (parameter, side), &[limit])?.pop();
+        Ok((side, found.unwrap_or(FrontPoint { limit, optimum: None })))
+    };
+    let points = limits.iter().map(point).collect::<Result<_, _>>()?;
+    Ok((optimum, points))
+}
+
 /// Least power with parameters held at values, `(place in the table, value)`; none where no
 /// stroke in trim was found. The paper's case II holds stroke plane, mean elevation and
 /// elevation amplitude.

@@ -91,6 +91,12 @@ fn fronts_and_held_parameters_agree_with_the_optimum() {
     let powers: Vec<f64> = points.iter().map(|p| p.optimum.as_ref().unwrap().outputs[3]).collect();
     assert!((powers[0] - best.outputs[3]).abs() < 1e-8, "{powers:?}");
     assert!(powers[0] < powers[1] && powers[1] < powers[2], "{powers:?}");
+    let (free, whole) = whole_front(&flight, &settings, i, &limits[1..]).unwrap();
+    assert_eq!(free, best);
+    for ((found, limit), power) in whole.iter().zip(&limits[1..]).zip(&powers[1..]) {
+        assert_eq!((found.0, found.1.limit), (side, *limit));
+        assert_eq!(found.1.optimum.as_ref().unwrap().outputs[3], *power);
+    }
     let same = held(&flight, &settings, &[(i, here)]).unwrap().unwrap();
     assert!((same.outputs[3] - best.outputs[3]).abs() < 1e-8 && same.point[i] == here);
     let elsewhere = held(&flight, &settings, &[(i, limits[2])]).unwrap().unwrap();

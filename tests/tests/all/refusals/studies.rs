@@ -119,7 +119,12 @@ pub fn settings() -> Vec<Refusal> {
         })
     };
     let refused = |what, pointer, value| Refusal::study(what, at(pointer, value), pointer);
+    let heavy = study(|s| {
+        s["sampling"]["samples"] = json!(20_000);
+        s["surrogate"]["kind"] = json!("gaussian-process");
+    });
     vec![
+        Refusal::study("a gaussian process of too many samples", heavy, "/surrogate/kind"),
         refused("an unknown field", "/colour", json!("red")),
         refused("an unknown field below", "/sampling/colour", json!("red")),
         refused("no name", "/name", json!("")),
@@ -144,6 +149,7 @@ pub fn settings() -> Vec<Refusal> {
         refused("a spring which returns double", "/model/elastic_storage", json!(2)),
         refused("negative neurons", "/surrogate/neurons", json!(-6)),
         refused("no neurons", "/surrogate/neurons", json!(0)),
+        refused("an unknown surrogate", "/surrogate/kind", json!("forest")),
         refused("nothing to test with", "/surrogate/train_share", json!(0.95)),
     ]
 }

@@ -1,0 +1,185 @@
+//! The likeliest process of samples.
+
+use super::ascent::{AscentStop, Top, climb};
+use super::kernel::Inputs;
+use super::likelihood::Labels;
+use super::{Process, ProcessOutput};
+use crate::math::{exp, ln};
+use crate::parameters::{COUNT, OUTPUTS, Point};
+use crate::surrogate::features::{Frame, MIRROR_SIGNS};
+use crate::surrogate::random::{Streams, shuffle, uniform};
+use crate::surrogate::settings::checked_split;
+use crate::surrogate::{Dataset, Errors, Sample, Split, Surrogate, TrainError, TrainSettings, errors};
+use std::ops::ControlFlow;
+
+/// Most samples a process is fitted to: its matrix of their covariances has 200 MB then.
+pub const MOST_POINTS: usize = 5000;
+/// Most samples by which lengths, amplitude and noise are chosen; the weights are of all.
+const JUDGES: usize = 1000;
+/// Samples by which the first ascents are made.
+const FEW: usize = 250;
+/// First ascents of each output.
+const STARTS: u64 = 4;
+/// Most iterations of an ascent.
+const MOST_ITERATIONS: usize = 60;
+/// Streams of the seed: which samples judge, and where ascents start.
+const JUDGE_STREAM: u64 = 3;
+const START_STREAM: u64 = 16;
+/// Lengths looked at, of a box from -1 to 1: beyond the last a parameter has a slope at most.
+const LENGTHS: (f64, f64) = (0.05, 50.0);
+/// Amplitudes looked at, over the labels' spread.
+const AMPLITUDES: (f64, f64) = (0.05, 50.0);
+/// Noises looked at, over the labels' spread: below the first the matrix is singular to working precision.
+const NOISES: (f64, f64) = (1e-4, 1.0);
+
+/// Where a fit stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitProgress {
+    /// Ascents ended, of all outputs.
+    pub ended: usize,
+    /// Ascents of the whole fit.
+    pub ascents: usize,
+    /// Iterations of the present one.
+    pub iteration: usize,
+    /// Logarithm of the likelihood it has reached, but for a constant.
+    pub likelihood: f64,
+}
+
+/// How the numbers of one output were found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ascent {
+    /// Iterations of the last ascent.
+    pub iterations: usize,
+    /// Logarithm of the likelihood at its end, but for a constant.
+    pub likelihood: f64,
+    /// Why it ended.
+    pub stop: AscentStop,
+}
+
+/// A process of samples and how good it is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProcessFit {
+    /// What predicts.
+    pub surrogate: Surrogate,
+    /// One per output.
+    pub ascents: [Ascent; 4],
+    /// Errors on the training share.
+    pub train: Errors,
+    /// Errors on the validation share, to which it is fitted too.
+    pub validation: Errors,
+    /// Errors on the test share, which it has not seen.
+    pub test: Errors,
+    /// Which sample served for what.
+    pub split: Split,
+}
+
+/// Fits a process to samples: all but the test share, for it needs none to say when to stop.
+///
+/// Lengths, amplitude and noise of each output are the likeliest, searched from several
+/// random points by a few of the samples and then, from the best end, by at most 1000.
+/// Of the settings seed, features and shares count. The observer sees each iteration and
+/// may stop an ascent; what was likeliest by then comes back. The result depends on the
+/// samples and the settings alone, not on threads.
+///
+/// # Errors
+/// When there is nothing sound to fit to, or more than [`MOST_POINTS`] samples.
+pub fn fit(
+    data: &Dataset<'_>,
+    settings: &TrainSettings,
+    observe: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+) -> Result<ProcessFit, TrainError> {
+    let split = checked_split(data.samples, data.bounds, settings)?;
+    let mut known: Vec<usize> = split.train.iter().chain(&split.validation).copied().collect();
+    known.sort_unstable();
+    if known.len() > MOST_POINTS {
+        return Err(TrainError::TooManySamples { samples: known.len() });
+    }
+    let frame = Frame::new(settings.features, data.insect, data.bounds);
+    let samples: Vec<Sample> = known.iter().map(|&i| data.samples[i]).collect();
+    let mut order: Vec<usize> = (0..known.len()).collect();
+    shuffle(&mut order, &mut Streams::new(settings.seed).stream(JUDGE_STREAM));
+    let bounds = frame.bounds(data.bounds);
+    let inputs = Inputs::new(&bounds, frame.is_mirrored());
+    if inputs.order.is_empty() {
+        return Err(TrainError::NothingFree);
+    }
+    let (mut outputs, mut ascents) = (Vec::new(), Vec::new());
+    for (k, (output, ..)) in OUTPUTS.iter().enumerate() {
+        let labels = labels(&frame, &inputs, &bounds, &samples, k);
+        let mut tell = |ended: usize, iteration, likelihood| {
+            let all = STARTS as usize + 1;
+            observe(&FitProgress { ended: all * k + ended, ascents: 4 * all, iteration, likelihood })
+        };
+        let top = likeliest(&labels, &order, settings.seed, k, &mut tell)?;
+        let solved = labels.solve(&top.at).ok_or(TrainError::NotPositive { output })?;
+        let mut lengths: Point = [1.0; COUNT];
+        for (&i, l) in inputs.order.iter().zip(&top.at) {
+            lengths[i] = exp(*l);
+        }
+        let width = inputs.order.len();
+        let (amplitude, noise) = (exp(top.at[width]), exp(top.at[width + 1]));
+        outputs.push(ProcessOutput { lengths, amplitude, noise, mean: solved.mean, weights: solved.weights });
+        ascents.push(Ascent { iterations: top.iterations, likelihood: top.solved.likelihood, stop: top.stop });
+    }
+    let (Ok(outputs), Ok(ascents)) = (outputs.try_into(), ascents.try_into()) else {
+        return Err(TrainError::Checkpoint("a process has four outputs"));
+    };
+    let process = Process { bounds, points: samples.iter().map(|s| s.x).collect(), outputs };
+    let surrogate = Surrogate::of_process(frame, process).map_err(|_| TrainError::NotPositive { output: "weights" })?;
+    let of = |indices: &[usize]| {
+        let samples: Vec<Sample> = indices.iter().map(|&i| data.samples[i]).collect();
+        errors(&surrogate, &samples)
+    };
+    let (train, validation, test) = (of(&split.train), of(&split.validation), of(&split.test));
+    Ok(ProcessFit { surrogate, ascents, train, validation, test, split })
+}
+
+/// One output of samples as the frame has it.
+fn labels(frame: &Frame, inputs: &Inputs, bounds: &crate::parameters::Bounds, samples: &[Sample], k: usize) -> Labels {
+    Labels {
+        inputs: samples.iter().flat_map(|s| inputs.of(bounds, &s.x)).collect(),
+        width: inputs.order.len(),
+        even: inputs.even,
+        sign: frame.is_mirrored().then_some(MIRROR_SIGNS[k]),
+        values: samples.iter().map(|s| frame.inward(&s.x, &s.y)[k]).collect(),
+        variances: samples.iter().map(|s| frame.variances(s)[k]).collect(),
+    }
+}
+
+/// The likeliest numbers of one output.
+fn likeliest(
+    labels: &Labels,
+    order: &[usize],
+    seed: u64,
+    output: usize,
+    tell: &mut dyn FnMut(usize, usize, f64) -> ControlFlow<()>,
+) -> Result<Top, TrainError> {
+    let spread = labels.spread();
+    // Labels which are all the same have nothing but rounding.
+    let largest = labels.values.iter().fold(0.0, |most: f64, y| most.max(y.abs()));
+    if spread <= 1e-12 * largest || spread == 0.0 {
+        return Err(TrainError::ConstantOutput { output: OUTPUTS[output].0 });
+    }
+    let scaled = |(low, high): (f64, f64), by: f64| (ln(low * by), ln(high * by));
+    let mut bounds = vec![scaled(LENGTHS, 1.0); labels.width];
+    bounds.extend([scaled(AMPLITUDES, spread), scaled(NOISES, spread)]);
+    let streams = Streams::new(seed);
+    let few = labels.some(&order[..FEW.min(order.len())]);
+    let mut best: Option<Top> = None;
+    for start in 0..STARTS {
+        let mut rng = streams.stream(START_STREAM + STARTS * output as u64 + start);
+        // Lengths between half the box and four of it; an amplitude and a noise as labels may have.
+        let mut at: Vec<f64> = (0..labels.width).map(|_| ln(8.0) * uniform(&mut rng)).collect();
+        at.extend([ln(spread * (1.0 + 2.0 * uniform(&mut rng))), ln(spread * 0.02)]);
+        let found = climb(&few, at, &bounds, MOST_ITERATIONS, &mut |i, l| tell(start as usize, i, l));
+        let better = |top: &Top| best.as_ref().is_none_or(|b| top.solved.likelihood > b.solved.likelihood);
+        best = found.filter(better).or(best);
+    }
+    let not_positive = TrainError::NotPositive { output: OUTPUTS[output].0 };
+    let first = best.ok_or(not_positive.clone())?;
+    if order.len() <= FEW {
+        return Ok(first);
+    }
+    let judges = labels.some(&order[..JUDGES.min(order.len())]);
+    climb(&judges, first.at, &bounds, MOST_ITERATIONS, &mut |i, l| tell(STARTS as usize, i, l)).ok_or(not_positive)
+}
