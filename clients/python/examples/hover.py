@@ -18,8 +18,9 @@ from pathlib import Path
 
 import manduca
 
-HERE = Path(__file__).resolve().parent
-FILE = os.environ.get("MANDUCA_STUDY") or HERE.parents[2] / "studies" / "quick.toml"
+# A notebook has no __file__; it is then taken to run in the repository's folder.
+ROOT = Path(__file__).resolve().parents[3] if "__file__" in globals() else Path()
+FILE = os.environ.get("MANDUCA_STUDY") or ROOT / "studies" / "quick.toml"
 
 # %% [markdown]
 # Submit. With a key the cell may be run again: the same study is found, not flown twice.
