@@ -1,0 +1,188 @@
+"""Against a server which misbehaves on purpose."""
+
+from __future__ import annotations
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import manduca
+from manduca import _http
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Answer = Callable[[BaseHTTPRequestHandler], None]
+
+
+class Fake:
+    """Gives its answers one after the other and keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self.answers: list[Answer] = []
+        self.asked: list[tuple[str, dict[str, str]]] = []
+        fake = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_GET(self) -> None:
+                fake.asked.append((self.path, {k.lower(): v for k, v in self.headers.items()}))
+                fake.answers.pop(0)(self)
+                self.close_connection = True
+
+            def log_message(self, *_: object) -> None:
+                """Say nothing."""
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self.server.server_port}"
+
+
+def says(status: int, body: Any, content_type: str = "application/json", **headers: str) -> Answer:
+    def answer(handler: BaseHTTPRequestHandler) -> None:
+        text = body.encode() if isinstance(body, str) else json.dumps(body).encode()
+        handler.send_response(status)
+        for name, value in headers.items():
+            handler.send_header(name.replace("_", "-"), value)
+        handler.send_header("content-type", content_type)
+        handler.send_header("content-length", str(len(text)))
+        handler.end_headers()
+        handler.wfile.write(text)
+
+    return answer
+
+
+def breaks_off(*chunks: str) -> Answer:
+    def answer(handler: BaseHTTPRequestHandler) -> None:
+        handler.send_response(200)
+        handler.send_header("transfer-encoding", "chunked")
+        handler.end_headers()
+        for chunk in chunks:
+            handler.wfile.write(f"{len(chunk):x}\r\n{chunk}\r\n".encode())
+
+    return answer
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[Fake]:
+    monkeypatch.setattr(_http, "_PAUSES_S", (0.0, 0.0))
+    fake = Fake()
+    thread = threading.Thread(target=fake.server.serve_forever, args=(0.02,))
+    thread.start()
+    yield fake
+    fake.server.shutdown()
+    thread.join()
+    fake.server.server_close()
+
+
+def test_the_token_is_sent_and_not_shown(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake.answers = [says(200, []), says(200, []), says(200, [])]
+    client = manduca.Client(fake.url + "/", token="secret")
+    client.workers()
+    monkeypatch.setenv("MANDUCA_TOKEN", "from outside")
+    monkeypatch.setenv("MANDUCA_COORDINATOR", fake.url)
+    manduca.Client().workers()
+    monkeypatch.delenv("MANDUCA_TOKEN")
+    manduca.Client().workers()
+    sent = [headers.get("authorization") for _, headers in fake.asked]
+    assert sent == ["Bearer secret", "Bearer from outside", None]
+    assert fake.asked[0][0] == "/v1/workers"
+    assert "secret" not in repr(client)
+
+
+def test_redirections_are_not_followed(fake: Fake) -> None:
+    fake.answers = [says(302, "", location=f"{fake.url}/elsewhere")]
+    with pytest.raises(manduca.ProblemError) as refused:
+        manduca.Client(fake.url, token="secret").workers()
+    assert refused.value.problem.status == 302
+    assert len(fake.asked) == 1
+
+
+def test_what_passes_is_tried_again(fake: Fake) -> None:
+    fake.answers = [says(503, {}, retry_after="0"), says(502, "<html>", "text/html"), says(200, [])]
+    assert manduca.Client(fake.url).workers() == []
+    assert len(fake.asked) == 3
+    fake.answers = [says(503, {"detail": "later"}, "application/problem+json")] * 3
+    with pytest.raises(manduca.ProblemError, match="later"):
+        manduca.Client(fake.url).workers()
+
+
+def test_refusals_of_others_are_read_too(fake: Fake) -> None:
+    fake.answers = [says(401, "<html>", "text/html")]
+    with pytest.raises(manduca.ProblemError, match="MANDUCA_TOKEN") as refused:
+        manduca.Client(fake.url).workers()
+    assert refused.value.problem.type == "about:blank"
+    fake.answers = [says(400, {"errors": [3, {"pointer": "/a"}]}, "application/problem+json")]
+    with pytest.raises(manduca.ProblemError, match="/a"):
+        manduca.Client(fake.url).workers()
+    fake.answers = [says(200, "<html>", "text/html")]
+    with pytest.raises(manduca.UnreachableError, match="JSON"):
+        manduca.Client(fake.url).workers()
+
+
+def test_waiting_outlives_a_restart_and_misses_workers(
+    fake: Fake, capsys: pytest.CaptureFixture[str]
+) -> None:
+    jobs = dict.fromkeys(("ready", "delayed", "leased", "succeeded", "infeasible", "dead", "cancelled"), 0)
+    view: dict[str, Any] = {
+        "state": "sampling",
+        "paused_from": None,
+        "progress": None,
+        "rate_per_s": None,
+        "eta_s": None,
+    }
+    view |= {"samples": jobs, "stage_jobs": jobs | {"ready": 9}, "spec": {"sampling": {"samples": 9}}}
+    away = says(502, "<html>", "text/html")
+    fake.answers = [says(200, view), says(200, view), says(200, [])]
+    fake.answers += [away] * 6 + [says(200, view | {"state": "succeeded"})]
+    manduca.Client(fake.url).study("x").wait(poll_s=0.0)
+    said = capsys.readouterr().err.splitlines()
+    assert said[:2] == [f"no worker is connected: manduca worker --coordinator {fake.url}", "sampling   0/9"]
+    assert len(fake.asked) == 10
+    fake.answers = [says(200, view), says(404, {})]
+    with pytest.raises(manduca.ProblemError):
+        manduca.Client(fake.url).study("x").wait(poll_s=0.0)
+
+
+HEADER = "sample,outcome,reason,solver_version\r\n"
+
+
+@pytest.mark.parametrize("take", ["dataset", "dataset_arrow"])
+def test_a_table_which_breaks_off_is_no_table(fake: Fake, take: str) -> None:
+    fake.answers = [says(200, {"id": "x"}), breaks_off(HEADER, "0,ok,,4\r\n")]
+    study = manduca.Client(fake.url).study("x")
+    with pytest.raises(manduca.UnreachableError, match="broke off"):
+        getattr(study, take)()
+
+
+def test_rows_which_break_off_say_so(fake: Fake) -> None:
+    fake.answers = [says(200, {"id": "x"}), breaks_off('{"sample": 0}\n{"sam')]
+    rows = manduca.Client(fake.url).study("x").rows()
+    with pytest.raises(manduca.UnreachableError, match="broke off"):
+        list(rows)
+
+
+def test_a_stroke_which_cannot_be_flown_has_no_means(fake: Fake) -> None:
+    text = 'sample,outcome,lift_n,reason,solver_version\r\n0,ok,0.1,,4\r\n1,infeasible,,"no lift, none",4\r\n'
+    fake.answers = [says(200, {"id": "x"}), says(200, text, "text/csv"), says(200, text, "text/csv")]
+    study = manduca.Client(fake.url).study("x")
+    frame, table = study.dataset(), study.dataset_arrow()
+    assert frame.lift_n.isna().tolist() == [False, True]
+    assert table["lift_n"].to_pylist() == [0.1, None]
+    assert frame.reason.tolist() == table["reason"].to_pylist() == ["", "no lift, none"]
+    assert frame.solver_version.tolist() == ["4", "4"]
+
+
+def test_nobody_there(fake: Fake) -> None:
+    fake.server.server_close()
+    with pytest.raises(manduca.UnreachableError, match="manduca serve"):
+        manduca.Client(fake.url).workers()
+
+
+@pytest.mark.parametrize("url", ["localhost:8080", "127.0.0.1", "file:///etc/passwd", "http://"])
+def test_addresses_are_checked(url: str) -> None:
+    with pytest.raises(ValueError, match="address of a coordinator"):
+        manduca.Client(url)
