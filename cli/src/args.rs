@@ -186,6 +186,14 @@ pub struct ServeArgs {
     /// Longest time one simulation may compute, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = seconds)]
     pub run_limit: f64,
+    /// How long a worker may be unheard of before its jobs are given to others, s. Workers are
+    /// asked to renew three times as often.
+    #[arg(long, value_name = "SECONDS", default_value_t = 15.0, value_parser = lease)]
+    pub lease: f64,
+    /// Failures and expired leases after which a job is given up. On a network which loses many
+    /// answers each loss costs an attempt: three may be too few there.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub max_attempts: u32,
 }
 
 /// `manduca worker`.
@@ -212,6 +220,12 @@ pub struct WorkerArgs {
     /// After so many seconds finish what runs and leave, such as before a batch system's limit.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_MAX_RUNTIME")]
     pub max_runtime: Option<f64>,
+}
+
+/// A lease: short ones would be lost to a busy machine, long ones leave dead workers' jobs lying.
+fn lease(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (1.0..=3600.0).contains(&seconds) { Ok(seconds) } else { Err("is outside 1 to 3600".into()) }
 }
 
 /// A number of days.

@@ -133,7 +133,12 @@ impl Coordinator {
 
     /// Starts a worker with one slot.
     pub fn worker(&self, name: &str) -> Process {
-        let command = manduca(&["worker", "--coordinator", &self.url(), "--slots", "1", "--name", name]);
+        self.worker_by(&self.url(), name)
+    }
+
+    /// [`Coordinator::worker`] which reaches the coordinator by another address, such as a proxy's.
+    pub fn worker_by(&self, url: &str, name: &str) -> Process {
+        let command = manduca(&["worker", "--coordinator", url, "--slots", "1", "--name", name]);
         Process::start(command, self.folder.path(), name)
     }
 
@@ -193,6 +198,14 @@ impl Coordinator {
     pub fn worker_view(&self, name: &str) -> Option<Value> {
         let workers = self.get("/v1/workers");
         workers.as_array().expect("a list").iter().find(|worker| worker["name"] == name).cloned()
+    }
+
+    /// The jobs of a study which the worker of this name has.
+    pub fn held_by(&self, study: &str, name: &str) -> Vec<Value> {
+        let Some(worker) = self.worker_view(name) else { return Vec::new() };
+        let page = self.get(&format!("/v1/studies/{study}/jobs?state=leased&limit=1000"));
+        let jobs = page["items"].as_array().expect("a page has items");
+        jobs.iter().filter(|job| job["worker"] == worker["id"]).cloned().collect()
     }
 
     /// Waits until the worker of this name has a job.

@@ -3,11 +3,13 @@
 //!
 //! A helper that cannot do its part panics: no test could go on without it.
 
+pub mod chance;
 pub mod client;
 pub mod coordinator;
 pub mod crowd;
 pub mod process;
 pub mod program;
+pub mod proxy;
 #[cfg(target_os = "linux")]
 pub mod shim;
 pub mod studies;

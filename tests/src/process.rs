@@ -43,9 +43,17 @@ impl Process {
 
     /// Asks it to leave (SIGTERM).
     pub fn terminate(&self) {
-        // The standard library can only kill; the tool of that name can ask.
-        let sent = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status();
-        assert!(sent.is_ok_and(|status| status.success()), "{} cannot be asked to leave", self.name);
+        signal("TERM", self.child.id());
+    }
+
+    /// Stops it where it is, as a closed lid does (SIGSTOP). Its children go on.
+    pub fn stop(&self) {
+        signal("STOP", self.child.id());
+    }
+
+    /// Lets it go on (SIGCONT).
+    pub fn resume(&self) {
+        signal("CONT", self.child.id());
     }
 
     /// Its child processes that still run, by their ids: the compute slots of a worker.
@@ -94,8 +102,14 @@ pub fn runs(id: u32) -> bool {
 /// Kills a process which is not a child of this one (SIGKILL).
 #[cfg(target_os = "linux")]
 pub fn kill(id: u32) {
-    let sent = Command::new("kill").args(["-KILL", &id.to_string()]).status();
-    assert!(sent.is_ok_and(|status| status.success()), "process {id} cannot be killed");
+    signal("KILL", id);
+}
+
+/// Sends a process a signal.
+fn signal(name: &str, id: u32) {
+    // The standard library can only kill; the tool of that name can do the rest.
+    let sent = Command::new("kill").args([format!("-{name}"), id.to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()), "process {id} cannot be sent SIG{name}");
 }
 
 /// The last lines of a log, enough to see what went wrong.

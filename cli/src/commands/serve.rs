@@ -34,6 +34,9 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
     let mut config = config(&args.data)?;
     config.access = access(&args, addresses.iter().any(|a| !a.ip().is_loopback())).await?;
     config.run_limits.simulate = Duration::from_secs_f64(args.run_limit);
+    config.lease = Duration::from_secs_f64(args.lease);
+    config.renew = config.lease / 3;
+    config.max_attempts = args.max_attempts;
     config.keep = args.keep_days.map(|days| Duration::from_secs_f64(days * 86_400.0));
     config.connections = connections(config.connections);
     let listener =

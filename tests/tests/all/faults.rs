@@ -3,38 +3,58 @@
 //! The short form is part of every test run. `MANDUCA_FAULTS=long cargo test --release -p
 //! manduca-tests faults` is the long one, whose figures are in docs/reliability.md.
 
+#[path = "faults/network.rs"]
+mod network;
+#[path = "faults/workers.rs"]
+mod workers;
+
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
+use manduca_tests::chance::Chance;
 use manduca_tests::coordinator::Coordinator;
 use manduca_tests::crowd::{Crowd, Ledger};
 use manduca_tests::program::manduca;
 use manduca_tests::shim::Shim;
 use manduca_tests::studies::{blades, endless};
 use manduca_tests::wait_for;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// How often something is done, in the short and in the long form.
 fn times(short: u64, long: u64) -> u64 {
     if std::env::var("MANDUCA_FAULTS").is_ok_and(|form| form == "long") { long } else { short }
 }
 
-/// Numbers which look random and are the same in every run.
-struct Chance(u64);
+/// The datasets of studies which one worker does and nobody disturbs.
+fn undisturbed(studies: &[Value]) -> Vec<String> {
+    let coordinator = Coordinator::start();
+    let _worker = coordinator.worker("calm");
+    let done = studies.iter().map(|study| {
+        let id = coordinator.submit(study);
+        coordinator.wait_until_succeeded(&id);
+        coordinator.dataset(&id, "text/csv")
+    });
+    done.collect()
+}
 
-impl Chance {
-    fn next(&mut self) -> u64 {
-        // Marsaglia's xorshift.
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
+/// Every job has one end, and no sample has two results.
+fn assert_once(coordinator: &Coordinator, id: &str) {
+    let jobs = coordinator.jobs(id);
+    let places: BTreeSet<_> = jobs.iter().map(|job| (job["role"].to_string(), job["ordinal"].as_u64())).collect();
+    assert_eq!(places.len(), jobs.len(), "a job is listed twice");
+    for job in &jobs {
+        assert!(job["state"] == "succeeded" || job["state"] == "infeasible", "{job}");
     }
+    let rows = coordinator.get(&format!("/v1/studies/{id}/dataset"));
+    let rows = rows.as_array().unwrap();
+    let distinct: BTreeSet<_> = rows.iter().map(|row| row["sample"].as_u64().unwrap()).collect();
+    assert_eq!(distinct.len(), rows.len(), "a sample has two results");
 }
 
 /// Nothing acknowledged was lost, and the file is whole.
 fn assert_kept(coordinator: &mut Coordinator, ledger: &Ledger) {
     assert_eq!(ledger.lost.len(), 0, "acknowledged results were asked for again: {:?}", ledger.lost);
-    let mut succeeded = std::collections::BTreeSet::new();
+    let mut succeeded = BTreeSet::new();
     for id in &ledger.studies {
         let page = coordinator.get(&format!("/v1/studies/{id}/jobs?state=succeeded&limit=1000"));
         succeeded.extend(page["items"].as_array().unwrap().iter().filter_map(|job| job["id"].as_i64()));
@@ -51,7 +71,7 @@ fn assert_kept(coordinator: &mut Coordinator, ledger: &Ledger) {
 fn a_coordinator_killed_at_random_times_loses_nothing_it_acknowledged() {
     let mut coordinator = Coordinator::start();
     let crowd = Crowd::start(&coordinator.url(), 8);
-    let (mut chance, mut slowest) = (Chance(2024), Duration::ZERO);
+    let (mut chance, mut slowest) = (Chance::new(2024), Duration::ZERO);
     let kills = times(5, 100);
     for _ in 0..kills {
         let before = crowd.acknowledged();
@@ -76,7 +96,7 @@ fn a_coordinator_killed_at_random_times_loses_nothing_it_acknowledged() {
 fn after_power_cuts(cuts: u64, lying: bool) -> Option<(Coordinator, Ledger)> {
     let mut coordinator = Coordinator::start_with(|folder| Shim::new(&folder.join("data"), folder).environment(true));
     let shim = Shim::new(&coordinator.folder().join("data"), coordinator.folder());
-    let (mut chance, mut base) = (Chance(7), std::collections::BTreeMap::new());
+    let (mut chance, mut base) = (Chance::new(7), std::collections::BTreeMap::new());
     let mut ledger = Ledger::default();
     for _ in 0..cuts {
         let crowd = Crowd::start(&coordinator.url(), 8);

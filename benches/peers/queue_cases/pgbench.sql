@@ -1,0 +1,2 @@
+with picked as (select id from jobs where state = 0 order by id limit BATCH for update skip locked), taken as (update jobs set state = 1, attempt = attempt + 1 from picked where jobs.id = picked.id returning jobs.id) select coalesce(array_agg(id), '{}')::text as ids from taken \gset
+update jobs set state = 2, result = md5(id::text) || repeat('x', 992) where id = any(':ids'::bigint[]) and state = 1;
