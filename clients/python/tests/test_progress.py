@@ -33,6 +33,7 @@ def view(**changes: Any) -> StudyView:
         "spec": {"sampling": {"samples": 300}},
         "samples": JOBS,
         "stage_jobs": JOBS,
+        "audits": JOBS,
         "progress": None,
         "rate_per_s": 12.34,
         "eta_s": 75.0,
