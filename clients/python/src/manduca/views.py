@@ -148,6 +148,7 @@ class DryRun(TypedDict):
 class SurrogateView(TypedDict):
     """Training curve so far and, once it is done, the errors of the network."""
 
+    kind: str
     curve: list[dict[str, Any]]
     best_iterations: list[int]
     stops: list[str]
