@@ -113,7 +113,7 @@ fn workers_killed_again_and_again_change_no_dataset() {
     let coordinator = Coordinator::start_serving(&["--lease", &lease()]);
     let (kills, pause) = (times(3, 120), Duration::from_millis(times(500, 5000)));
     let worker = |i: u64| (format!("mortal-{i}"), coordinator.worker(&format!("mortal-{i}")));
-    let mut workers = vec![worker(0), worker(1)];
+    let mut workers = [worker(0), worker(1)];
     let mut studies = vec![busy(100)];
     let mut ids = vec![coordinator.submit(&studies[0])];
     let (orphans, taken) = channel();
