@@ -79,9 +79,9 @@ fn position(text: &str) -> Result<(String, i64), ApiError> {
 
 fn roles(kind: JobKind) -> Vec<&'static str> {
     match kind {
-        JobKind::Simulate => {
-            [JobRole::Sample, JobRole::Verify, JobRole::Probe, JobRole::Individual, JobRole::Audit].map(role_name).to_vec()
-        }
+        JobKind::Simulate => [JobRole::Sample, JobRole::Verify, JobRole::Probe, JobRole::Individual, JobRole::Audit]
+            .map(role_name)
+            .to_vec(),
         JobKind::Train => vec![role_name(JobRole::Train)],
         JobKind::Optimise => vec![role_name(JobRole::Optimise)],
         JobKind::Search => [JobRole::Search, JobRole::Generation].map(role_name).to_vec(),
