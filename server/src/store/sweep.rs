@@ -68,7 +68,8 @@ async fn list_overdue(work: &mut Work<'_>) -> Result<Vec<(i64, JobKind)>, StoreE
     let grace = millis(work.config.run_grace);
     let shortest = JobKind::ALL.iter().map(|&kind| work.config.run_limits.of(kind)).min().unwrap_or_default();
     let long: Vec<(i64, String, i64)> = sqlx::query_as(
-        "select job, role, leased_ms from jobs where state = 'leased' and leased_ms <= ? order by job limit ?",
+        "select job, role, leased_ms from jobs
+         where state = 'leased' and leased_ms <= ? order by lease_until_ms limit ?",
     )
     .bind(work.now - grace - millis(shortest))
     .bind(MOST)
