@@ -7,7 +7,7 @@ use crate::ids::{JobId, StudyId, WorkerId};
 use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
-pub const PROTOCOL_VERSION: u32 = 1;
+pub const PROTOCOL_VERSION: u32 = 2;
 /// Oldest version of the exchange a coordinator of this code still takes.
 pub const OLDEST_PROTOCOL_VERSION: u32 = 1;
 /// Most items in any list of an exchange.
@@ -55,6 +55,10 @@ pub struct ExchangeRequest {
     /// Jobs still computing.
     #[serde(default)]
     pub renew: Vec<Renewal>,
+    /// Every job it has, where an answer was lost which may have brought some: what is leased
+    /// to it and not among these is given to it again, as the same attempt. Since version 2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub have: Option<Vec<JobId>>,
     /// How many new jobs are wanted.
     #[serde(default)]
     pub want: u32,

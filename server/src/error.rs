@@ -216,7 +216,7 @@ impl ApiError {
         match self {
             Self::Unavailable(_) => Some((header::RETRY_AFTER, HeaderValue::from_static("1"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
-            Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/1"))),
+            Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/2"))),
             _ => None,
         }
     }

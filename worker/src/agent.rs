@@ -45,6 +45,8 @@ pub(crate) struct Agent {
     idle: Vec<Slot>,
     running: Running,
     outbox: Outbox,
+    /// An answer was lost which may have brought jobs.
+    missed: bool,
     report: Option<Flight>,
     poll: Option<Flight>,
     renew_at: Instant,
@@ -69,6 +71,7 @@ impl Agent {
             renew: TICK,
             running: Running::default(),
             outbox: Outbox::new(),
+            missed: false,
             report: None,
             poll: None,
             renew_at: Instant::now(),
@@ -186,7 +189,10 @@ impl Agent {
         [&self.report, &self.poll].into_iter().flatten().fold(idle, |left, flight| left.saturating_sub(flight.want))
     }
 
-    fn exchange(&self, request: ExchangeRequest, batch: usize) -> Flight {
+    fn exchange(&mut self, mut request: ExchangeRequest, batch: usize) -> Flight {
+        if request.want > 0 && std::mem::take(&mut self.missed) {
+            request.have = Some(self.running.jobs().chain(self.outbox.jobs()).map(|(job, _)| job).collect());
+        }
         let wait = Duration::try_from_secs_f64(request.wait_s).unwrap_or_default();
         let path = format!("/v1/workers/{}/exchange", self.worker);
         let call = self.http.post(&path).timeout(http::CALL + wait).json(&request);
@@ -209,6 +215,7 @@ impl Agent {
                 }
                 // It may have carried renewals.
                 self.renew_at = Instant::now();
+                self.missed |= landed.want > 0;
                 self.trouble(&error);
             }
         }
@@ -224,7 +231,10 @@ impl Agent {
                 self.on_answer(answer, landed.since);
             }
             Err(error) if error.status() == Some(404) => self.start_over().await?,
-            Err(error) => self.trouble(&error),
+            Err(error) => {
+                self.missed = true;
+                self.trouble(&error);
+            }
         }
         Ok(())
     }
@@ -248,6 +258,10 @@ impl Agent {
 
     fn start(&mut self, lease: Lease) {
         let (job, attempt) = (lease.job, lease.attempt);
+        // Given again because another answer was on its way.
+        if self.running.jobs().chain(self.outbox.jobs()).any(|had| had == (job, attempt)) {
+            return;
+        }
         match self.idle.pop() {
             Some(slot) => {
                 debug!(%job, attempt, kind = ?lease.kind, "job started");

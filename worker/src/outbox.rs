@@ -14,10 +14,11 @@ pub(crate) enum Report {
 }
 
 impl Report {
-    fn job(&self) -> JobId {
+    /// The job and the attempt.
+    fn of(&self) -> (JobId, u32) {
         match self {
-            Self::Complete(c) => c.job,
-            Self::Fail(f) => f.job,
+            Self::Complete(c) => (c.job, c.attempt),
+            Self::Fail(f) => (f.job, f.attempt),
         }
     }
 }
@@ -55,6 +56,11 @@ impl Outbox {
         self.waiting.is_empty()
     }
 
+    /// The jobs reported and their attempts.
+    pub(crate) fn jobs(&self) -> impl Iterator<Item = (JobId, u32)> {
+        self.waiting.iter().map(Report::of)
+    }
+
     pub(crate) fn clear(&mut self) {
         self.waiting.clear();
     }
@@ -81,7 +87,7 @@ impl Outbox {
         let mut delivered = Delivered::default();
         for report in self.waiting.drain(..batch.min(self.waiting.len())) {
             match report {
-                _ if !accepted.contains(&report.job()) => delivered.refused += 1,
+                _ if !accepted.contains(&report.of().0) => delivered.refused += 1,
                 Report::Complete(_) => delivered.completed += 1,
                 Report::Fail(_) => delivered.failed += 1,
             }

@@ -66,6 +66,18 @@ async fn a_result_is_sent_again_until_it_is_answered() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn jobs_in_a_lost_answer_are_asked_for_again() {
+    let coordinator = Coordinator::start().await;
+    coordinator.queue(1..=6);
+    coordinator.change(|s| s.lose_grants = 2);
+    let (shutdown, worker) = start(settings(&coordinator, &answers(DONE)));
+    until("all are done", || coordinator.see(|s| s.completed.len() == 6 && s.leased.is_empty())).await;
+    shutdown.drain.cancel();
+    assert_eq!(worker.await.unwrap().unwrap(), Summary { completed: 6, failed: 0, refused: 0 });
+    assert!(coordinator.see(|s| s.given_again >= 2), "the lost jobs came back by themselves");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_result_does_not_wait_for_an_open_poll() {
     let coordinator = Coordinator::start().await;
     let mut settings = settings(&coordinator, &format!("while read task; do sleep 0.2; echo '{DONE}'; done"));

@@ -1,6 +1,7 @@
 """PORT JOBS WORKERS PREFETCH: a backlog worked off by Celery's processes."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -17,12 +18,13 @@ with app.producer_pool.acquire(block=True) as producer:
         nothing.apply_async(producer=producer)
 line = [sys.executable, "-m", "celery", "-A", "celery_tasks", "worker", "--pool", "prefork", "--loglevel", "ERROR"]
 line += ["--concurrency", str(workers), "--without-gossip", "--without-mingle", "--without-heartbeat"]
-worker = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+worker = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 try:
     # Its results are the only keys which grow, beside a handful of its bookkeeping.
     others = 10
     jobs_s = rate(lambda: max(0, store.dbsize() - others), jobs - others)
 finally:
-    worker.terminate()
-    worker.wait(30)
+    # Asked to leave it may wait for its children for ever; nothing is left to be kept.
+    os.killpg(worker.pid, signal.SIGKILL)
+    worker.wait()
 tell(jobs_s, jobs)

@@ -55,7 +55,7 @@ async fn exchange(
     notified.as_mut().enable();
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
-    let first = Exchange { worker, complete, fail: request.fail, renew, want: give(want) };
+    let first = Exchange { worker, complete, fail: request.fail, renew, have: request.have, want: give(want) };
     let began = Instant::now();
     let mut told = state.store().exchange(first).await?;
     state.metrics().exchanged(began.elapsed());
@@ -68,8 +68,7 @@ async fn exchange(
         }
         notified.set(state.ready().notified());
         notified.as_mut().enable();
-        let again = Exchange { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), want: give(want) };
-        let news = state.store().exchange(again).await?;
+        let news = state.store().exchange(Exchange::asking(worker, give(want))).await?;
         (told.leased, told.drain) = (news.leased, news.drain);
     }
     Ok(Json(response(told, state.config())?))
@@ -81,6 +80,7 @@ fn check(request: &ExchangeRequest) -> Result<(), ApiError> {
         ("/complete", request.complete.len()),
         ("/fail", request.fail.len()),
         ("/renew", request.renew.len()),
+        ("/have", request.have.as_ref().map_or(0, Vec::len)),
         ("/want", request.want as usize),
     ];
     for (pointer, length) in lengths {

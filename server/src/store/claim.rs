@@ -64,10 +64,16 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
     Ok(given)
 }
 
-async fn leased(work: &mut Work<'_>, study: i64, role: JobRole, row: ReadyRow) -> Result<Leased, StoreError> {
+/// The lease of a job as this attempt.
+pub(super) async fn leased(
+    work: &mut Work<'_>,
+    study: i64,
+    role: JobRole,
+    row: ReadyRow,
+) -> Result<Leased, StoreError> {
     let (study, spec) = work.specs.of(work.db, study).await?;
     let (job, attempt, ordinal, parameters) = row;
-    let (attempt, ordinal) = (unsigned(attempt + 1)?, unsigned(ordinal)?);
+    let (attempt, ordinal) = (unsigned(attempt)?, unsigned(ordinal)?);
     Ok(Leased { job: JobId(job), attempt, study, role, ordinal, parameters, spec })
 }
 
@@ -98,7 +104,7 @@ async fn list_audits_for(
     limit: usize,
 ) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
-        "select a.job, a.attempt, a.ordinal, a.parameters
+        "select a.job, a.attempt + 1, a.ordinal, a.parameters
          from jobs as a join jobs as s on s.study = a.study and s.role = 'sample' and s.ordinal = a.ordinal
          join results as r on r.job = s.job
          where a.state = 'ready' and a.study = ? and a.role = 'audit' and r.worker <> ?
@@ -125,7 +131,8 @@ async fn list_claimable(db: &mut SqliteConnection, limit: usize) -> Result<Vec<(
     Ok(rows)
 }
 
-type ReadyRow = (i64, i64, i64, Option<String>);
+/// Job, the attempt it is leased as, ordinal, parameters.
+pub(super) type ReadyRow = (i64, i64, i64, Option<String>);
 
 /// Nobody else writes between this and the lease.
 async fn list_ready(
@@ -135,7 +142,7 @@ async fn list_ready(
     limit: usize,
 ) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
-        "select job, attempt, ordinal, parameters from jobs
+        "select job, attempt + 1, ordinal, parameters from jobs
          where state = 'ready' and study = ? and role = ? order by ordinal limit ?",
     )
     .bind(study)

@@ -3,6 +3,7 @@
 //! kind of change, not one per job, because handing a statement to SQLite's
 //! thread costs more than most statements do.
 
+mod again;
 mod audit;
 mod claims;
 mod renewals;
@@ -27,10 +28,17 @@ pub(crate) struct Exchange {
     pub(crate) complete: Vec<Prepared>,
     pub(crate) fail: Vec<Failure>,
     pub(crate) renew: Vec<PreparedRenewal>,
+    /// Every job it has, after an answer to it was lost.
+    pub(crate) have: Option<Vec<JobId>>,
     pub(crate) want: u32,
 }
 
 impl Exchange {
+    /// One which only asks for jobs.
+    pub(crate) fn asking(worker: WorkerId, want: u32) -> Self {
+        Self { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), have: None, want }
+    }
+
     /// How many jobs it touches: commits are bounded by it.
     pub(super) fn weight(&self) -> usize {
         1 + self.complete.len() + self.fail.len() + self.renew.len() + self.want as usize
@@ -66,6 +74,13 @@ pub(super) struct Party<'e> {
     pub(super) told: Exchanged,
 }
 
+impl Party<'_> {
+    /// Jobs it may still be given.
+    fn left(&self) -> usize {
+        self.want.saturating_sub(self.told.leased.len())
+    }
+}
+
 /// What the exchanges of a group have changed, beyond their own jobs.
 #[derive(Default)]
 pub(super) struct Effects {
@@ -99,6 +114,7 @@ pub(super) async fn exchange_all(
     add_to_tallies(work, &effects.tallies).await?;
     // Once per study, not per job: all results are in by now.
     advance_ended(work, &effects.moved).await?;
+    again::give(work, &mut parties).await?;
     // One quarantined just now may still be given jobs: it is only a suspicion, and they are fenced.
     claims::give(work, &mut parties).await?;
     let mut told = parties.into_iter().map(|party| party.told);

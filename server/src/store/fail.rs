@@ -51,8 +51,9 @@ pub(super) enum Cause<'r> {
     Expired(&'r str),
 }
 
-/// Counts a failure of a leased job. After the last one the job is dead; before,
-/// it waits longer from one to the next, since what failed may be the machine.
+/// Counts a failure of a leased job. After the last one the job is dead; before, it
+/// waits longer from one to the next, since what failed may be the machine. A lease
+/// which expired has been waited for: its job is ready at once.
 pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause<'_>) -> Result<(), StoreError> {
     let (reason, expired) = match cause {
         Cause::Failed(reason) => (reason, false),
@@ -60,8 +61,11 @@ pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause
     };
     let failures = job.failures + 1;
     let dead = failures >= work.config.max_attempts;
-    let not_before = (!dead).then(|| work.now + work.config.backoff_ms(failures));
-    let state = if dead { "dead" } else { "delayed" };
+    let (state, not_before) = match (dead, expired) {
+        (true, _) => ("dead", None),
+        (false, true) => ("ready", None),
+        (false, false) => ("delayed", Some(work.now + work.config.backoff_ms(failures))),
+    };
     set_failed(work, job, state, failures, not_before, reason).await?;
     work.events.push(Event::Failed {
         study: job.study_id,
@@ -71,6 +75,9 @@ pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause
         dead,
         expired,
     });
+    if state == "ready" {
+        work.events.push(Event::Ready);
+    }
     Ok(())
 }
 

@@ -48,9 +48,8 @@ async fn an_expired_lease_goes_to_another_worker_and_fences_off_the_first() {
     bench.pass(15.0).await;
     let job = format!("/v1/jobs/{}", lease.job);
     let view = bench.get(&job).await.json();
-    assert_eq!(view["state"], "delayed");
+    assert_eq!(view["state"], "ready");
     assert!(view["reason"].as_str().is_some_and(|r| r.contains("lease expired") && r.contains("slow")), "{view}");
-    bench.pass(1.0).await;
     let again = bench.claim(&quick, 1).await.remove(0);
     assert_eq!((again.job, again.attempt), (lease.job, 2));
     let told = bench.complete(&slow, &lease, result(&lease)).await;
@@ -114,6 +113,30 @@ async fn renewal_keeps_a_lease_and_tells_of_a_lost_one() {
     }
     bench.pass(15.0).await;
     assert_eq!(bench.exchange(&worker, renewal).await.cancel, [lease.job]);
+}
+
+#[tokio::test]
+async fn a_lease_lost_with_its_answer_is_given_again_as_the_same_attempt() {
+    let bench = Bench::open().await;
+    bench.submit(&study(20, &[])).await;
+    let (worker, other) = (bench.worker("w").await, bench.worker("other").await);
+    let heard = bench.claim(&worker, 1).await.remove(0);
+    let others = bench.claim(&other, 3).await;
+    // Its answer is lost on the way.
+    let lost = bench.claim(&worker, 2).await;
+    bench.pass(10.0).await;
+    let told = bench.exchange(&worker, json!({ "want": 3, "have": [heard.job] })).await;
+    assert_eq!(told.jobs[..2], lost, "the same attempts");
+    assert_eq!((told.jobs.len(), told.jobs[2].attempt), (3, 1), "and one more");
+    assert!(others.iter().all(|theirs| told.jobs.iter().all(|lease| lease.job != theirs.job)));
+    let all: Vec<_> = told.jobs.iter().chain([&heard]).map(|lease| lease.job).collect();
+    assert!(bench.exchange(&worker, json!({ "want": 0, "have": [] })).await.jobs.is_empty(), "it wants none");
+    assert!(bench.exchange(&worker, json!({ "have": all, "want": 0 })).await.jobs.is_empty());
+    // Given again, a lease has a full term.
+    bench.pass(14.0).await;
+    let results: Vec<_> = lost.iter().map(|lease| completion(lease, result(lease))).collect();
+    assert_eq!(bench.exchange(&worker, json!({ "complete": results })).await.accepted.len(), 2);
+    bench.check_counts().await;
 }
 
 #[tokio::test]

@@ -58,8 +58,7 @@ async fn metrics_and_scaling_follow_what_happens() {
     assert!(answer.header("content-type").starts_with("application/openmetrics-text"));
     let text = String::from_utf8(answer.body.to_vec()).expect("text");
     for line in [
-        "manduca_jobs{role=\"sample\",state=\"ready\"} 18",
-        "manduca_jobs{role=\"sample\",state=\"delayed\"} 1",
+        "manduca_jobs{role=\"sample\",state=\"ready\"} 19",
         "manduca_workers{state=\"alive\"} 1",
         "manduca_slots 2",
         "manduca_decisions_total{decision=\"lease_expired\"} 1",
@@ -139,15 +138,15 @@ async fn old_studies_go_and_results_others_share_stay() {
 #[tokio::test]
 async fn only_workers_of_a_known_version_of_the_exchange_are_taken() {
     let bench = Bench::open().await;
-    for version in [0, 2, u32::MAX] {
+    for version in [0, 3, u32::MAX] {
         let mut registration = super::answers::registration("w");
         registration["protocol_version"] = json!(version);
         let answer = bench.post("/v1/workers", registration.to_string()).await;
         assert_eq!(answer.problem(426, "protocol-version"), ["/protocol_version"]);
         let detail = answer.json()["detail"].as_str().expect("a sentence").to_owned();
-        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 1"), "{detail}");
-        assert_eq!(answer.header("upgrade"), "manduca-exchange/1");
+        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 2"), "{detail}");
+        assert_eq!(answer.header("upgrade"), "manduca-exchange/2");
     }
     let health = bench.get("/healthz").await.json();
-    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(1)));
+    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(2)));
 }

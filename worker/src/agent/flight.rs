@@ -24,6 +24,8 @@ pub(super) struct Landed {
     pub(super) answer: Answer,
     /// When it was sent.
     pub(super) since: Instant,
+    /// Jobs it asked for.
+    pub(super) want: u32,
     /// Reports it carried.
     pub(super) batch: usize,
 }
@@ -38,7 +40,7 @@ impl Flight {
 pub(super) async fn landed(flight: &mut Option<Flight>) -> Landed {
     let Some(under_way) = flight else { return std::future::pending().await };
     let answer = under_way.answer.as_mut().await;
-    let landed = Landed { answer, since: under_way.since, batch: under_way.batch };
+    let landed = Landed { answer, since: under_way.since, want: under_way.want, batch: under_way.batch };
     *flight = None;
     landed
 }

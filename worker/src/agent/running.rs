@@ -46,6 +46,11 @@ impl Running {
         self.entries.is_empty()
     }
 
+    /// Its jobs and their attempts.
+    pub(super) fn jobs(&self) -> impl Iterator<Item = (JobId, u32)> {
+        self.entries.iter().map(|(job, entry)| (*job, entry.attempt))
+    }
+
     /// Computes a job. An earlier attempt at it has lost its lease, or this one would not be here.
     pub(super) fn start(&mut self, slot: Slot, lease: Lease, http: Http) {
         let (job, attempt) = (lease.job, lease.attempt);

@@ -36,6 +36,10 @@ pub struct Book {
     pub renewed: u32,
     pub cancel: Vec<i64>,
     pub lose_reports: u32,
+    /// Answers with jobs in them which are lost.
+    pub lose_grants: u32,
+    /// Jobs given again to a worker which said what it had.
+    pub given_again: u32,
     pub fetched: u32,
     pub left: u32,
 }
@@ -143,7 +147,11 @@ async fn exchange(
             if book.worker != Some(worker) {
                 return problem(StatusCode::NOT_FOUND, "unknown worker");
             }
-            grant(&mut book, request.want, &mut response);
+            grant(&mut book, &request, &mut response);
+            if !response.jobs.is_empty() && book.lose_grants > 0 {
+                book.lose_grants -= 1;
+                return problem(StatusCode::BAD_GATEWAY, "lost");
+            }
         }
         if !response.jobs.is_empty() || request.wait_s == 0.0 {
             return Json(response).into_response();
@@ -176,9 +184,12 @@ fn take(book: &mut Book, request: &ExchangeRequest, response: &mut ExchangeRespo
     }
 }
 
-fn grant(book: &mut Book, want: u32, response: &mut ExchangeResponse) {
-    for _ in 0..want {
-        let Some(job) = book.queue.pop_front() else { break };
+fn grant(book: &mut Book, request: &ExchangeRequest, response: &mut ExchangeResponse) {
+    let is_missed = |job: &i64| request.have.as_ref().is_some_and(|have| !have.contains(&JobId(*job)));
+    let missed: Vec<i64> = book.leased.iter().copied().filter(is_missed).collect();
+    book.given_again += missed.len() as u32;
+    let mut ready = missed.into_iter().chain(std::iter::from_fn(|| book.queue.pop_front())).take(request.want as usize);
+    for job in ready.by_ref().collect::<Vec<_>>() {
         book.leased.insert(job);
         let task = book.inline.then(task);
         let kind = if book.inline { JobKind::Simulate } else { JobKind::Train };

@@ -58,11 +58,14 @@ impl Witness {
     /// Its leases.
     pub(super) fn see_leases(&mut self, now: i64, worker: &str, told: &ExchangeResponse) -> Result<(), String> {
         for lease in &told.jobs {
-            if let Some(held) = self.held.get(&lease.job).filter(|held| held.until > now) {
+            let held = self.held.get(&lease.job);
+            // The same lease again, to a worker which has not heard of it.
+            let again = held.is_some_and(|held| held.worker == worker && held.attempt == lease.attempt);
+            if let Some(held) = held.filter(|held| held.until > now && !again) {
                 return Err(format!("job {} is leased twice at once, to {worker} beside {held:?}", lease.job));
             }
             let last = self.attempts.insert(lease.job, lease.attempt).unwrap_or(0);
-            if lease.attempt <= last {
+            if lease.attempt <= last && !again {
                 return Err(format!("job {} goes from attempt {last} to {}", lease.job, lease.attempt));
             }
             if self.acknowledged.contains(&lease.job.0) {

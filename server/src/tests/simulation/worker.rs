@@ -31,6 +31,8 @@ pub(super) struct Worker {
     outbox: VecDeque<(bool, Value)>,
     /// The request under way, until when it is waited for, and how many reports it carries.
     waiting: Option<(u64, i64, usize)>,
+    /// An answer was lost which may have brought jobs.
+    missed: bool,
     renew_at: i64,
     pub(super) stopped_until: i64,
 }
@@ -60,6 +62,7 @@ impl Worker {
         if self.waiting.as_ref().is_some_and(|(_, until, _)| now < *until) {
             return None;
         }
+        self.missed |= self.waiting.is_some();
         let (path, body, batch) = match &self.path {
             None => ("/v1/workers".to_owned(), registration("made-up"), 0),
             Some(path) => {
@@ -81,7 +84,13 @@ impl Worker {
         } else {
             Vec::new()
         };
-        let body = json!({ "complete": complete, "fail": fail, "renew": renew, "want": SLOTS - self.running.len() });
+        let want = SLOTS - self.running.len();
+        let mut body = json!({ "complete": complete, "fail": fail, "renew": renew, "want": want });
+        if want > 0 && std::mem::take(&mut self.missed) {
+            let reported = self.outbox.iter().map(|(_, report)| report["job"].clone());
+            let have: Vec<_> = self.running.keys().map(|job| json!(job)).chain(reported).collect();
+            body["have"] = json!(have);
+        }
         if now >= self.renew_at {
             self.renew_at = now + RENEW;
         }
@@ -108,7 +117,7 @@ impl Worker {
                 }
             }
             (404, Some(_)) => self.kill(),
-            _ => {}
+            _ => self.missed = true,
         }
     }
 }

@@ -29,7 +29,7 @@ pub fn registrations() -> Vec<Refusal> {
         |what, field: &'static str, value, pointer| body(what, with(field, value), 422, "invalid-request").at(pointer);
     let exchange = |id: &str| format!("/v1/workers/{id}/exchange");
     vec![
-        body("another exchange", with("protocol_version", json!(2)), 426, "protocol-version").at("/protocol_version"),
+        body("another exchange", with("protocol_version", json!(99)), 426, "protocol-version").at("/protocol_version"),
         body("other numbers", with("solver_version", json!("0")), 409, "solver-version").at("/solver_version"),
         body("no JSON", "worker".into(), 400, "malformed-json").at(""),
         body("an empty body", String::new(), 400, "malformed-json").at(""),

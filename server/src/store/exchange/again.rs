@@ -1,0 +1,43 @@
+//! Jobs whose lease never reached its worker, because the answer which carried it was lost.
+
+use super::Party;
+use crate::store::claim::{Leased, leased};
+use crate::store::names::named;
+use crate::store::{StoreError, Work};
+
+/// Gives each worker which says what it has the rest of what is leased to it, as the same
+/// attempt: nobody else has computed it, and no failure is counted.
+pub(super) async fn give(work: &mut Work<'_>, parties: &mut [Party<'_>]) -> Result<(), StoreError> {
+    for party in parties {
+        let Some(have) = &party.exchange.have else { continue };
+        let have = serde_json::to_string(have).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+        let worker = party.exchange.worker.0.as_bytes().as_slice();
+        let missed: Vec<(i64, i64, i64, Option<String>, i64, String)> = sqlx::query_as(
+            "select job, attempt, ordinal, parameters, study, role from jobs
+             where state = 'leased' and worker = ? and job not in (select value from json_each(?))
+             order by job limit ?",
+        )
+        .bind(worker)
+        .bind(&have)
+        .bind(party.left() as i64)
+        .fetch_all(&mut *work.db)
+        .await?;
+        for (job, attempt, ordinal, parameters, study, role) in missed {
+            let again = leased(work, study, named(&role)?, (job, attempt, ordinal, parameters)).await?;
+            renew(work, &again).await?;
+            party.told.leased.push(again);
+        }
+    }
+    Ok(())
+}
+
+/// Its worker begins only now.
+async fn renew(work: &mut Work<'_>, lease: &Leased) -> Result<(), StoreError> {
+    sqlx::query("update jobs set lease_until_ms = ?, leased_ms = ? where job = ?")
+        .bind(work.now + work.config.lease_ms())
+        .bind(work.now)
+        .bind(lease.job.0)
+        .execute(&mut *work.db)
+        .await?;
+    Ok(())
+}
