@@ -11,6 +11,7 @@ use crate::auth::Tokens;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
+use crate::look::Looks;
 use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::serve::ServerError;
@@ -31,6 +32,7 @@ struct Inner {
     stopping: CancellationToken,
     tokens: Tokens,
     metrics: Arc<Metrics>,
+    looks: Looks,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -59,7 +61,17 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let stopping = CancellationToken::new();
     tokio::spawn(sweep(store.clone(), config.clone(), stopping.clone()));
     Ok(AppState {
-        inner: Arc::new(Inner { config, clock, store, rates, ready, stopping, tokens: Tokens::default(), metrics }),
+        inner: Arc::new(Inner {
+            config,
+            clock,
+            store,
+            rates,
+            ready,
+            stopping,
+            tokens: Tokens::default(),
+            metrics,
+            looks: Looks::default(),
+        }),
     })
 }
 
@@ -144,6 +156,11 @@ impl AppState {
     /// What is counted.
     pub(crate) fn metrics(&self) -> &Metrics {
         &self.inner.metrics
+    }
+
+    /// Strokes flown here.
+    pub(crate) fn looks(&self) -> &Looks {
+        &self.inner.looks
     }
 
     /// Told whenever jobs become ready.

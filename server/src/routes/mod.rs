@@ -8,6 +8,7 @@ mod jobs;
 pub(crate) mod openapi;
 mod optimisations;
 mod optimum;
+mod simulations;
 mod studies;
 mod submit;
 mod surrogate;
@@ -30,6 +31,7 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(surrogate::router())
         .merge(optimisations::router())
         .merge(optimum::router())
+        .merge(simulations::router())
         .merge(workers::router())
         .merge(exchange::router())
         .merge(watch::router())

@@ -11,6 +11,7 @@ mod direct;
 mod fuzz;
 mod http;
 mod long_poll;
+mod look;
 mod plans;
 mod queue;
 mod restart;
