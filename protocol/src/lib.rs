@@ -5,6 +5,7 @@ pub mod history;
 pub mod ids;
 pub mod network;
 pub mod optimum;
+pub mod overview;
 pub mod point;
 pub mod problem;
 pub mod resolve;

@@ -16,6 +16,9 @@ pub enum ApiError {
     /// The body is not JSON at all.
     #[error("the body is not valid JSON")]
     MalformedJson(Vec<FieldProblem>),
+    /// The body is not TOML at all.
+    #[error("the body is not valid TOML")]
+    MalformedToml(Vec<FieldProblem>),
     /// The study cannot be accepted.
     #[error("the study is not valid")]
     InvalidStudy(Vec<FieldProblem>),
@@ -102,6 +105,12 @@ pub enum ApiError {
     /// The store could not take or give it now.
     #[error("the store is not available; try again")]
     Unavailable(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// As many watch the changes as may.
+    #[error("{most} clients watch already; ask again later, or now and then")]
+    TooManyWatchers {
+        /// Most clients.
+        most: usize,
+    },
     /// A fault of the coordinator.
     #[error("the coordinator failed at this request")]
     Internal(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -118,6 +127,7 @@ impl ApiError {
         use StatusCode as S;
         match self {
             Self::MalformedJson(_) => (S::BAD_REQUEST, "malformed-json", "Malformed JSON"),
+            Self::MalformedToml(_) => (S::BAD_REQUEST, "malformed-toml", "Malformed TOML"),
             Self::InvalidStudy(_) => (S::UNPROCESSABLE_ENTITY, "invalid-study", "Invalid study"),
             Self::InvalidRequest(_) => (S::UNPROCESSABLE_ENTITY, "invalid-request", "Invalid request"),
             Self::InvalidQuery(_) => (S::BAD_REQUEST, "invalid-query", "Invalid query string"),
@@ -144,6 +154,7 @@ impl ApiError {
             }
             Self::SolverVersion { .. } => (S::CONFLICT, "solver-version", "Another version of the solver"),
             Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
+            Self::TooManyWatchers { .. } => (S::SERVICE_UNAVAILABLE, "too-many-watchers", "Too many watchers"),
             Self::Internal(_) => (S::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
         }
     }
@@ -152,6 +163,7 @@ impl ApiError {
     fn fields(&self) -> Vec<FieldProblem> {
         match self {
             Self::MalformedJson(errors)
+            | Self::MalformedToml(errors)
             | Self::InvalidStudy(errors)
             | Self::InvalidRequest(errors)
             | Self::InvalidQuery(errors) => errors.clone(),
@@ -215,6 +227,7 @@ impl ApiError {
     fn hint(&self) -> Option<(HeaderName, HeaderValue)> {
         match self {
             Self::Unavailable(_) => Some((header::RETRY_AFTER, HeaderValue::from_static("1"))),
+            Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
             Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/1"))),
             _ => None,
