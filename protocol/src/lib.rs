@@ -7,6 +7,7 @@ pub mod ids;
 pub mod network;
 pub mod optimum;
 mod outcome;
+pub mod overview;
 pub mod point;
 pub mod problem;
 pub mod resolve;

@@ -14,6 +14,7 @@ pub fn app(state: AppState) -> Router {
     let (router, document) = routes::all().split_for_parts();
     router
         .merge(routes::openapi::router(document))
+        .merge(routes::page::router())
         .fallback(|| async { ApiError::NoRoute })
         .method_not_allowed_fallback(|| async { ApiError::MethodNotAllowed })
         .layer(from_fn_with_state(state.clone(), guard))

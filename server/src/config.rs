@@ -59,6 +59,8 @@ pub struct Config {
     pub readers: u32,
     /// Refused results kept as evidence.
     pub evidence: u32,
+    /// Clients which may watch the changes at the same time.
+    pub watchers: usize,
 }
 
 impl Config {
@@ -89,6 +91,7 @@ impl Config {
             body_limit: 2 << 20,
             readers: 4,
             evidence: 1000,
+            watchers: 256,
         }
     }
 

@@ -17,6 +17,9 @@ pub enum ApiError {
     /// The body is not JSON at all.
     #[error("the body is not valid JSON")]
     MalformedJson(Vec<FieldProblem>),
+    /// The body is not TOML at all.
+    #[error("the body is not valid TOML")]
+    MalformedToml(Vec<FieldProblem>),
     /// The study cannot be accepted.
     #[error("the study is not valid")]
     InvalidStudy(Vec<FieldProblem>),
@@ -109,6 +112,12 @@ pub enum ApiError {
     /// The store could not take or give it now.
     #[error("the store is not available; try again")]
     Unavailable(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// As many watch the changes as may.
+    #[error("{most} clients watch already; ask again later, or now and then")]
+    TooManyWatchers {
+        /// Most clients.
+        most: usize,
+    },
     /// A fault of the coordinator.
     #[error("the coordinator failed at this request")]
     Internal(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -125,6 +134,7 @@ impl ApiError {
         use StatusCode as S;
         match self {
             Self::MalformedJson(_) => (S::BAD_REQUEST, "malformed-json", "Malformed JSON"),
+            Self::MalformedToml(_) => (S::BAD_REQUEST, "malformed-toml", "Malformed TOML"),
             Self::InvalidStudy(_) => (S::UNPROCESSABLE_ENTITY, "invalid-study", "Invalid study"),
             Self::InvalidRequest(_) => (S::UNPROCESSABLE_ENTITY, "invalid-request", "Invalid request"),
             Self::InvalidQuery(_) => (S::BAD_REQUEST, "invalid-query", "Invalid query string"),
@@ -153,6 +163,7 @@ impl ApiError {
             Self::Busy => (S::TOO_MANY_REQUESTS, "busy", "Too many strokes wait"),
             Self::Stopping => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
+            Self::TooManyWatchers { .. } => (S::SERVICE_UNAVAILABLE, "too-many-watchers", "Too many watchers"),
             Self::Internal(_) => (S::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
         }
     }
@@ -161,6 +172,7 @@ impl ApiError {
     fn fields(&self) -> Vec<FieldProblem> {
         match self {
             Self::MalformedJson(errors)
+            | Self::MalformedToml(errors)
             | Self::InvalidStudy(errors)
             | Self::InvalidRequest(errors)
             | Self::InvalidQuery(errors) => errors.clone(),
@@ -226,6 +238,7 @@ impl ApiError {
             Self::Unavailable(_) | Self::Busy | Self::Stopping => {
                 Some((header::RETRY_AFTER, HeaderValue::from_static("1")))
             }
+            Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
             Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/2"))),
             _ => None,

@@ -122,6 +122,43 @@ impl Event {
         })
     }
 
+    /// The study which it changed.
+    pub(crate) fn study(&self) -> Option<StudyId> {
+        match self {
+            Self::Submitted { study, .. }
+            | Self::Drawn { study, .. }
+            | Self::Completed { study, .. }
+            | Self::Shared { study, .. }
+            | Self::Failed { study, .. }
+            | Self::Moved { study, .. }
+            | Self::Audited { study, .. }
+            | Self::Pruned { study, .. } => Some(*study),
+            Self::Leased { .. }
+            | Self::Refused { .. }
+            | Self::Nondeterminism { .. }
+            | Self::Registered { .. }
+            | Self::Left { .. }
+            | Self::Quarantined { .. }
+            | Self::Draining { .. }
+            | Self::Recovered { .. }
+            | Self::Ready => None,
+        }
+    }
+
+    /// Whether it changed what is told of workers.
+    pub(crate) fn is_of_workers(&self) -> bool {
+        matches!(
+            self,
+            Self::Leased { .. }
+                | Self::Completed { .. }
+                | Self::Failed { .. }
+                | Self::Registered { .. }
+                | Self::Left { .. }
+                | Self::Quarantined { .. }
+                | Self::Draining { .. }
+        )
+    }
+
     /// The log line of this decision, if it has one.
     pub(crate) fn log(&self) {
         match self {

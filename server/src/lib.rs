@@ -7,6 +7,7 @@
 
 mod app;
 mod auth;
+mod changes;
 mod check;
 mod clock;
 mod compose;

@@ -8,6 +8,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::auth::Tokens;
+use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
@@ -29,6 +30,7 @@ struct Inner {
     store: Store,
     rates: Arc<Rates>,
     ready: Arc<Notify>,
+    changes: Arc<Changes>,
     stopping: CancellationToken,
     tokens: Tokens,
     metrics: Arc<Metrics>,
@@ -52,9 +54,14 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let config = Arc::new(config);
     let (rates, ready) = (Arc::new(Rates::default()), Arc::new(Notify::new()));
     let metrics = Arc::new(Metrics::default());
+    let changes = Arc::new(Changes::new(config.watchers));
     let observer = {
         let (rates, ready, clock, metrics) = (rates.clone(), ready.clone(), clock.clone(), metrics.clone());
-        Arc::new(move |events: &[Event]| observe(events, &rates, &ready, &metrics, clock.now_ms()))
+        let changes = changes.clone();
+        Arc::new(move |events: &[Event]| {
+            observe(events, &rates, &ready, &metrics, clock.now_ms());
+            changes.observe(events);
+        })
     };
     let store = Store::open(config.clone(), clock.clone(), observer, metrics.clone()).await?;
     store.run(Recover).await?;
@@ -67,6 +74,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             store,
             rates,
             ready,
+            changes,
             stopping,
             tokens: Tokens::default(),
             metrics,
@@ -166,6 +174,11 @@ impl AppState {
     /// Told whenever jobs become ready.
     pub(crate) fn ready(&self) -> &Notify {
         &self.inner.ready
+    }
+
+    /// What changed lately.
+    pub(crate) fn changes(&self) -> &Changes {
+        &self.inner.changes
     }
 
     /// Cancelled when the coordinator stops.

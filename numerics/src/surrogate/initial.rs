@@ -20,6 +20,13 @@ pub struct Split {
     pub test: Vec<usize>,
 }
 
+impl Split {
+    /// The split which a training of this seed makes of `count` samples.
+    pub fn new(count: usize, train_share: f64, validation_share: f64, seed: u64) -> Self {
+        split(count, train_share, validation_share, seed)
+    }
+}
+
 /// A random split of `count` samples by the given shares; the rest is for testing.
 pub(crate) fn split(count: usize, train_share: f64, validation_share: f64, seed: u64) -> Split {
     let mut order: Vec<usize> = (0..count).collect();

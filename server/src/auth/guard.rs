@@ -33,6 +33,8 @@ fn required(method: &Method, path: &str) -> Option<Scope> {
     let mut parts = path.trim_start_matches('/').split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
         (Some("healthz" | "readyz" | "openapi.json"), None, ..) if reads => None,
+        // The page itself is the same for everybody; what it shows is not.
+        (Some(""), None, ..) | (Some("assets"), Some(_), ..) if reads => None,
         (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
         (Some("v1"), Some("workers"), _, Some("drain")) => Some(Scope::Admin),
         (Some("v1"), Some("workers"), ..) if !reads => Some(Scope::Worker),
@@ -69,6 +71,10 @@ mod tests {
         let (get, post, delete) = (Method::GET, Method::POST, Method::DELETE);
         let cases = [
             (&get, "/healthz", None),
+            (&get, "/", None),
+            (&get, "/assets/main.js", None),
+            (&post, "/assets/main.js", Some(Scope::Submit)),
+            (&get, "/v1/events", Some(Scope::Read)),
             (&post, "/healthz", Some(Scope::Submit)),
             (&get, "/healthz/x", Some(Scope::Read)),
             (&get, "/metrics", Some(Scope::Read)),

@@ -24,6 +24,9 @@ pub(crate) trait Accepted: DeserializeOwned {
         config.body_limit
     }
 
+    /// Whether it may be sent as TOML too.
+    const TOML: bool = false;
+
     /// The refusal of one which does not fit.
     fn refuse(errors: Vec<FieldProblem>) -> ApiError {
         ApiError::InvalidRequest(errors)
@@ -31,6 +34,8 @@ pub(crate) trait Accepted: DeserializeOwned {
 }
 
 impl Accepted for StudySpec {
+    const TOML: bool = true;
+
     fn limit(config: &Config) -> usize {
         config.study_limit
     }
@@ -51,24 +56,26 @@ impl Accepted for PredictionRequest {}
 impl Accepted for OptimisationSpec {}
 impl Accepted for SimulationRequest {}
 
-/// A JSON body.
+/// A JSON body, or one in TOML where the route takes that.
 pub(crate) struct JsonBody<T>(pub(crate) T);
 
 impl<T: Accepted> FromRequest<AppState> for JsonBody<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, ApiError> {
-        if !is_json(request.headers()) {
+        let toml = T::TOML && is(request.headers(), "application/toml");
+        if !toml && !is(request.headers(), "application/json") {
             return Err(ApiError::UnsupportedMediaType);
         }
-        parse(&read(request, T::limit(state.config()), state.config()).await?).map(Self)
+        let bytes = read(request, T::limit(state.config()), state.config()).await?;
+        if toml { parse_toml(&bytes) } else { parse(&bytes) }.map(Self)
     }
 }
 
-fn is_json(headers: &HeaderMap) -> bool {
+fn is(headers: &HeaderMap, media_type: &str) -> bool {
     let declared = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
     let essence = declared.split(';').next().unwrap_or_default().trim();
-    essence.eq_ignore_ascii_case("application/json")
+    essence.eq_ignore_ascii_case(media_type)
 }
 
 async fn read(mut request: Request, limit: usize, config: &Config) -> Result<Bytes, ApiError> {
@@ -106,6 +113,22 @@ pub(crate) fn parse<T: Accepted>(bytes: &[u8]) -> Result<T, ApiError> {
     })?;
     deserializer.end().map_err(|e| ApiError::MalformedJson(vec![FieldProblem::new("", e.to_string())]))?;
     Ok(value)
+}
+
+/// Parses a whole body in TOML; faults are told with their line too.
+fn parse_toml<T: Accepted>(bytes: &[u8]) -> Result<T, ApiError> {
+    let malformed = |detail: String| ApiError::MalformedToml(vec![FieldProblem::new("", detail)]);
+    let text = std::str::from_utf8(bytes).map_err(|_| malformed("it is not text in UTF-8".into()))?;
+    let told = |error: &toml::de::Error| {
+        let before = error.span().and_then(|span| text.get(..span.start));
+        let line = before.map_or_else(String::new, |before| format!("line {}: ", before.matches('\n').count() + 1));
+        line + error.message()
+    };
+    let document = toml::de::Deserializer::parse(text).map_err(|error| malformed(told(&error)))?;
+    serde_path_to_error::deserialize(document).map_err(|error| {
+        let at = named_field(pointer(error.path()), error.inner().message());
+        T::refuse(vec![FieldProblem::new(at, told(error.inner()))])
+    })
 }
 
 /// The JSON pointer of a path (RFC 6901).
@@ -174,6 +197,22 @@ mod tests {
         for (json, expected) in cases {
             assert_eq!(pointer_of(json), (expected.to_owned(), 422), "{json}");
         }
+    }
+
+    #[test]
+    fn toml_is_refused_by_field_and_line() {
+        let refused = |text: &str| {
+            let problem = parse_toml::<StudySpec>(text.as_bytes()).expect_err("is refused").problem();
+            (problem.status, problem.errors[0].pointer.clone(), problem.errors[0].detail.clone())
+        };
+        let (status, pointer, detail) = refused("name = \"a\"\n[sampling]\nsamples = \"many\"\n");
+        assert_eq!((status, pointer.as_str()), (422, "/sampling/samples"));
+        assert!(detail.starts_with("line 3: "), "{detail}");
+        let (_, pointer, _) = refused("name = \"a\"\n[sampling]\nsamples = 30\ncolour = 1\n");
+        assert_eq!(pointer, "/sampling/colour");
+        let (status, pointer, detail) = refused("name = \"a\"\nname = \"b\"\n");
+        assert!(status == 400 && pointer.is_empty() && detail.starts_with("line 2: "), "{detail}");
+        assert!(parse_toml::<StudySpec>(include_bytes!("../../../studies/paper.toml")).is_ok());
     }
 
     #[test]

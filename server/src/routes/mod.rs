@@ -2,12 +2,15 @@
 
 mod control;
 mod dataset;
+mod events;
 mod exchange;
 mod health;
 mod jobs;
 pub(crate) mod openapi;
 mod optimisations;
 mod optimum;
+mod overview;
+pub(crate) mod page;
 mod simulations;
 mod studies;
 mod submit;
@@ -35,6 +38,8 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(workers::router())
         .merge(exchange::router())
         .merge(watch::router())
+        .merge(overview::router())
+        .merge(events::router())
         .merge(health::router())
 }
 

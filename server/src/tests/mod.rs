@@ -12,6 +12,7 @@ mod fuzz;
 mod http;
 mod long_poll;
 mod look;
+mod overview;
 mod plans;
 mod queue;
 mod restart;

@@ -56,7 +56,7 @@ pub fn syntax() -> Vec<Refusal> {
             ..Refusal::body("another content type", STUDIES, "", 415, "unsupported-media-type")
         },
         Refusal {
-            body: Some(("application/toml", good)),
+            body: Some(("application/yaml", good)),
             ..Refusal::body("another content type", STUDIES, "", 415, "unsupported-media-type")
         },
     ]

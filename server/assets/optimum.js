@@ -1,0 +1,115 @@
+// The answer: each optimum beside the paper's, predicted beside simulated, and what it is worth.
+
+import { constants } from "./api.js";
+import { badge, calm, card, h, table } from "./dom.js";
+import { digits, estimate, fixed, whole } from "./format.js";
+import { searchPlots } from "./search.js";
+
+/** P0 of the paper's hawkmoth, mW: what its powers are divided by here. */
+const PAPER_P0_MW = 84.2;
+
+/** The published case an optimisation is compared with, by its name: as `manduca optimum` chooses. */
+export function published(name, cases) {
+  const of = name.toLowerCase().split(/[^a-z0-9]+/);
+  const says = (...any) => any.some((word) => of.includes(word));
+  const wanted = says("ii", "2") ? "optimum-2" : says("five", "5") ? (says("direct") ? "five-direct" : "five-ann") : "optimum-1";
+  return cases.find((c) => c.name === wanted) ?? cases[0];
+}
+
+/** The strokes of an optimisation: what was found, and what refining made of it. */
+export function strokes(optimisation) {
+  const found = optimisation.optimum;
+  const standing = optimisation.search?.standing;
+  const list = [];
+  if (found) {
+    list.push({
+      title: optimisation.breeding ? "generations'" : "surrogate's", parameters: found.parameters, predicted: found.predicted,
+      simulated: optimisation.simulated?.scaled, perLift: optimisation.simulated?.power_per_lift_w_per_n,
+    });
+  }
+  if (standing?.best) {
+    list.push({
+      title: "refined", parameters: standing.best.parameters, predicted: standing.predicted,
+      simulated: standing.best.scaled, perLift: standing.power_per_lift_w_per_n,
+    });
+  }
+  return list;
+}
+
+function parametersTable(columns, paper, parameters) {
+  return table(null, [
+    ["Parameter", (p) => `${p.symbol} ${p.meaning.split(",")[0]}${p.unit ? ` [${p.unit}]` : ""}`],
+    ...columns.map((c) => [c.title, (p) => fixed(c.parameters[p.name], 3), true]),
+    ["paper", (p) => digits(paper.parameters[p.name], 4), true],
+  ], parameters);
+}
+
+function meansTable(columns, paper, outputs) {
+  const theirs = [paper.lift, 0, 0, paper.power_mw === null ? null : paper.power_mw / PAPER_P0_MW];
+  const rows = outputs.map((o, i) => ({ name: `${o.symbol} ${o.name.replace("_", " ")}`, of: o.name, paper: fixed(theirs[i], 3) }));
+  rows.push({ name: "P/L [W/N]", paper: fixed(paper.power_per_lift_w_per_n, 2) });
+  return table(null, [
+    ["Mean", (r) => r.name],
+    ...columns.flatMap((c) => [
+      [`${c.title}: predicted`, (r) => (r.of ? fixed(c.predicted?.[r.of], 4) : "-"), true],
+      ["simulated ± se", (r) => (r.of ? estimate(c.simulated?.[r.of]) : fixed(c.perLift, 3)), true],
+    ]),
+    ["paper", (r) => r.paper, true],
+  ], rows);
+}
+
+/** What there is to say beside the tables. */
+function remarks(o) {
+  const said = [];
+  const search = o.search;
+  if (o.breeding) said.push(`${o.breeding.standing.rounds} generations, ${whole(o.breeding.standing.simulations)} strokes flown: ${o.breeding.ended ?? "they go on"}.`);
+  if (search) {
+    const { rounds, simulations, trimmed_power: power, prices } = search.standing;
+    said.push(`Refined by ${whole(simulations)} simulations in ${rounds} rounds: ${search.ended ?? "it goes on"}.`);
+    if (power && prices) said.push(`P+ in exact trim ${fixed(power, 4)}: it rises by ${fixed(prices.lift, 3)} per unit of L+, ${fixed(prices.drag, 3)} of D+, ${fixed(prices.pitch_moment, 3)} of M+.`);
+  }
+  if (o.simulated?.outcome === "infeasible") said.push(`The optimum cannot be flown: ${o.simulated.reason}.`);
+  if (o.optimum) said.push(`The wings keep ${fixed(o.optimum.clearance_mm, 2)} mm from the plane of symmetry.`);
+  const known = o.optimum?.optimality;
+  if (known) {
+    said.push(`${known.converged} of ${known.starts} descents converged, to ${known.optima.length} optima; ` +
+      `KKT residual ${known.kkt_residual.toExponential(1)}, violation ${known.violation.toExponential(1)}.`);
+  }
+  return h("ul", { class: "small" }, said.map((line) => h("li", {}, line)));
+}
+
+/** All optimisations of a study. */
+export function optimaTab(id) {
+  const root = h("div", {}, h("p", { class: "hint" }, "No optimum was found yet."));
+  let known = "", plots = [];
+  const show = async (study) => {
+    const { cases, parameters, outputs } = await constants();
+    plots = [];
+    const cards = study.optimisations.map((o) => {
+      const columns = strokes(o);
+      const paper = published(o.name, cases);
+      if (columns.length === 0 && !o.breeding) return card(o.name, h("p", {}, badge(o.status)));
+      const convergence = searchPlots(o);
+      plots.push(convergence);
+      return card(`${o.name} beside ${paper.title}`, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
+        columns.length ? h("div", { class: "grid" },
+          h("div", {}, meansTable(columns, paper, outputs), remarks(o)),
+          h("div", {}, parametersTable(columns, paper, parameters))) : null,
+        convergence.root);
+    });
+    root.replaceChildren(...cards);
+    for (const plot of plots) plot.show();
+  };
+  let latest = null;
+  const later = calm(() => show(latest), 1500);
+  return {
+    root,
+    update(study) {
+      latest = study;
+      const state = JSON.stringify(study.optimisations);
+      if (state === known || study.optimisations.length === 0) return;
+      known = state;
+      later();
+    },
+  };
+}

@@ -1,0 +1,64 @@
+// The workers: who is there, how fast, and how often they failed.
+
+import { get } from "./api.js";
+import { badge, calm, card, fill, h, table } from "./dom.js";
+import { digits, span, whole } from "./format.js";
+
+/** Over how long a worker's rate is taken, ms. */
+const WINDOW = 60000;
+
+/** The list of workers; `update` looks again. */
+export function workersPanel() {
+  const body = h("div", {}, h("p", { class: "hint" }, "Loading ..."));
+  const seen = new Map();
+  const rate = (worker) => {
+    const now = performance.now();
+    const marks = (seen.get(worker.id) ?? []).filter(([at]) => now - at < WINDOW);
+    marks.push([now, worker.completed]);
+    seen.set(worker.id, marks);
+    const [[first, before]] = marks;
+    return now - first > 3000 ? (worker.completed - before) / ((now - first) / 1000) : null;
+  };
+  const state = (w) => (!w.alive ? "silent" : w.quarantined ? "set aside" : w.draining ? "draining" : w.leased ? "working" : "idle");
+  const update = calm(async () => {
+    let workers;
+    try {
+      workers = await get("/v1/workers");
+    } catch (error) {
+      fill(body, h("p", { class: "fault" }, error.message));
+      return;
+    }
+    if (workers.length === 0) {
+      fill(body, h("p", { class: "hint" }, "No worker was heard of within a day. Start one: "),
+        h("code", {}, `manduca worker --coordinator ${location.origin}`));
+      return;
+    }
+    const alive = workers.filter((w) => w.alive);
+    const slots = alive.reduce((sum, w) => sum + w.slots, 0);
+    const rates = new Map(workers.map((w) => [w.id, rate(w)]));
+    fill(body, h("p", { class: "soft" }, `${alive.length} alive with ${slots} slots`),
+      table(null, [
+        ["Worker", (w) => w.name],
+        ["State", (w) => badge(state(w))],
+        ["Busy slots", (w) => `${w.leased} of ${w.slots}`, true],
+        ["Jobs a second", (w) => digits(rates.get(w.id), 2), true],
+        ["Done", (w) => whole(w.completed), true],
+        ["Failed", (w) => (w.strikes ? `${w.failed} (${w.strikes} in a row)` : w.failed), true],
+        ["Last heard of", (w) => (w.last_seen_s < 2 ? "now" : `${span(w.last_seen_s)} ago`), true],
+        ["Arithmetic", (w) => w.level],
+      ], workers, true));
+  }, 1500);
+  return { body, update };
+}
+
+/** The page of all workers. */
+export function workersPage() {
+  const panel = workersPanel();
+  return { root: h("div", {}, h("h1", {}, "Workers"), h("div", { class: "card" }, panel.body)), update: panel.update };
+}
+
+/** The workers on a study's page. */
+export function workersCard() {
+  const panel = workersPanel();
+  return { root: card("Workers", panel.body), update: panel.update };
+}
