@@ -93,18 +93,7 @@ fn one_stroke(model: &ResolvedModel, stroke: &Point) -> Option<f64> {
     let Model::Uvlm(settings) = &model.model else { return None };
     let first = uvlm::Settings { strokes: 1, strokes_most: 1, strokes_dropped: 0, ..*settings };
     let taken = flight(&ResolvedModel { model: Model::Uvlm(first), ..*model }, stroke);
-    Some(taken * work(settings) / work(&first))
-}
-
-/// Work of a flight in units of its own: each step all rings act on all nodes, while the
-/// wake grows by a row per step until it is as long as it is remembered.
-fn work(settings: &uvlm::Settings) -> f64 {
-    let steps = settings.steps_per_stroke as f64;
-    let (kept, joined) = (settings.wake_strokes * steps, settings.wake_joined_after * steps);
-    // Every other row of old wake has been joined to its neighbour.
-    let rows = |step: f64| step.min(joined) + 0.5 * (step.min(kept) - joined).max(0.0);
-    let wing = 1.5 * (settings.chordwise_panels + 1) as f64;
-    (0..settings.strokes * settings.steps_per_stroke).map(|step| (wing + rows(step as f64)).powi(2)).sum()
+    Some(taken * settings.interactions(settings.strokes) / first.interactions(1))
 }
 
 #[cfg(test)]
@@ -153,7 +142,8 @@ mod tests {
         };
         let first = uvlm::Settings { strokes: 1, strokes_most: 1, strokes_dropped: 0, ..uvlm::Settings::default() };
         let whole = uvlm::Settings { strokes: 5, strokes_most: 5, ..first };
-        let (counted, modelled) = (interactions(&whole) / interactions(&first), work(&whole) / work(&first));
+        let (counted, modelled) =
+            (interactions(&whole) / interactions(&first), whole.interactions(5) / first.interactions(1));
         assert!((counted / modelled - 1.0).abs() < 0.15, "{counted} {modelled}");
     }
 }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::kinematics::{ElevationPhase, Stroke, Vector};
 use crate::math::sin_cos;
-use crate::simulation::{Infeasible, Means, Model, Moment, Simulation, simulate_watched};
+use crate::simulation::{Infeasible, Means, Model, Moment, Simulation, simulate_watched, simulate_while};
 use crate::uvlm::{Rings, Settings, Solver};
 
 /// Most ring corners kept of one flight; a corner takes 24 bytes here and some 70 in JSON.
@@ -17,14 +17,14 @@ pub const MOST_CORNERS: usize = 5_000_000;
 enum Choice {
     /// The flight's last step.
     Last,
-    /// Every step of the last stroke.
-    All,
+    /// Of the last stroke every so manieth step, from its first.
+    Every(usize),
     /// One step: stroke from 1, step from 0.
     At { stroke: usize, step: usize },
 }
 
-/// Steps of a flight, such as `last`, `all` (of the last stroke) or `7:0,7:12`
-/// (stroke from 1, step from 0).
+/// Steps of a flight, such as `last`, `all` (of the last stroke), `all/4` (every fourth of
+/// them) or `7:0,7:12` (stroke from 1, step from 0).
 ///
 /// ```
 /// use manduca_numerics::history::Steps;
@@ -38,7 +38,7 @@ pub struct Steps(Vec<Choice>);
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StepsError {
     /// An entry is none.
-    #[error("`{0}` is no step: expected last, all, or STROKE:STEP such as 7:0, with commas between")]
+    #[error("`{0}` is no step: expected last, all, all/N, or STROKE:STEP such as 7:0, with commas between")]
     Unreadable(String),
     /// A stroke which is not flown.
     #[error("{stroke}:{step}: there are strokes 1 to {strokes}")]
@@ -77,8 +77,11 @@ impl FromStr for Steps {
     fn from_str(text: &str) -> Result<Self, StepsError> {
         let entry = |entry: &str| match entry.trim() {
             "last" => Ok(Choice::Last),
-            "all" => Ok(Choice::All),
+            "all" => Ok(Choice::Every(1)),
             other => {
+                if let Some(n) = other.strip_prefix("all/").and_then(|n| n.parse().ok()).filter(|n| *n > 0) {
+                    return Ok(Choice::Every(n));
+                }
                 let numbers = other.split_once(':').and_then(|(s, n)| Some((s.parse().ok()?, n.parse().ok()?)));
                 let (stroke, step) = numbers.ok_or_else(|| StepsError::Unreadable(other.to_owned()))?;
                 Ok(Choice::At { stroke, step })
@@ -94,7 +97,8 @@ impl fmt::Display for Steps {
             let comma = if i > 0 { "," } else { "" };
             match choice {
                 Choice::Last => write!(f, "{comma}last")?,
-                Choice::All => write!(f, "{comma}all")?,
+                Choice::Every(1) => write!(f, "{comma}all")?,
+                Choice::Every(n) => write!(f, "{comma}all/{n}")?,
                 Choice::At { stroke, step } => write!(f, "{comma}{stroke}:{step}")?,
             }
         }
@@ -108,6 +112,32 @@ impl Steps {
         Self::default()
     }
 
+    /// The flight's last step.
+    pub fn last() -> Self {
+        Self(vec![Choice::Last])
+    }
+
+    /// Steps of the last stroke, evenly thinned until they are at most `steps` with at most
+    /// `corners` ring corners in all.
+    pub fn thinned(settings: &Settings, steps: usize, corners: usize) -> Self {
+        let every = |n: usize| Self(vec![Choice::Every(n)]);
+        let fits =
+            |n: &usize| settings.steps_per_stroke.div_ceil(*n) <= steps && every(*n).corners(settings) <= corners;
+        let n = (1..settings.steps_per_stroke).find(fits).unwrap_or(settings.steps_per_stroke);
+        every(n)
+    }
+
+    /// Ring corners of these steps of a flight, at most.
+    fn corners(&self, settings: &Settings) -> usize {
+        let (strokes, steps) = (settings.strokes, settings.steps_per_stroke);
+        let longest = (settings.wake_strokes * steps as f64).round().max(1.0) as usize;
+        let first = if self.0.iter().any(|c| matches!(c, Choice::At { .. })) { 0 } else { (strokes - 1) * steps };
+        (first..strokes * steps)
+            .filter(|flown| self.has(settings, flown / steps + 1, flown % steps))
+            .map(|flown| (settings.chordwise_panels + 1 + flown.min(longest)) * (settings.spanwise_panels + 1))
+            .sum()
+    }
+
     /// Whether a step is one of those asked for by number.
     fn name(&self, stroke: usize, step: usize) -> bool {
         self.0.contains(&Choice::At { stroke, step })
@@ -117,7 +147,7 @@ impl Steps {
     fn has(&self, settings: &Settings, stroke: usize, step: usize) -> bool {
         let of_last = |choice: &Choice| match choice {
             Choice::Last => step + 1 == settings.steps_per_stroke,
-            Choice::All => true,
+            Choice::Every(n) => step % n == 0,
             Choice::At { .. } => false,
         };
         self.name(stroke, step) || stroke >= settings.strokes && self.0.iter().any(of_last)
@@ -136,11 +166,7 @@ impl Steps {
                 }
             }
         }
-        let longest = (settings.wake_strokes * steps as f64).round().max(1.0) as usize;
-        let corners = (0..strokes * steps)
-            .filter(|flown| self.has(settings, flown / steps + 1, flown % steps))
-            .map(|flown| (settings.chordwise_panels + 1 + flown.min(longest)) * (settings.spanwise_panels + 1))
-            .sum();
+        let corners = self.corners(settings);
         if corners > MOST_CORNERS { Err(StepsError::TooMany { corners }) } else { Ok(()) }
     }
 }
@@ -254,6 +280,23 @@ pub fn record(simulation: &Simulation, steps: &Steps) -> Result<(Result<Means, I
     let mut recorder = Recorder::new(simulation, steps)?;
     let flown = simulate_watched(simulation, &mut |moment, solver| recorder.watch(moment, solver));
     Ok((flown, recorder))
+}
+
+/// [`record`] for as long as `on` says at each step; none where it did not.
+///
+/// # Errors
+/// When the steps cannot be kept; nothing is flown then.
+pub fn record_while(
+    simulation: &Simulation,
+    steps: &Steps,
+    on: &dyn Fn() -> bool,
+) -> Result<Option<(Result<Means, Infeasible>, Recorder)>, StepsError> {
+    let mut recorder = Recorder::new(simulation, steps)?;
+    let flown = simulate_while(simulation, &mut |moment, solver| {
+        recorder.watch(moment, solver);
+        on()
+    });
+    Ok(flown.transpose().map(|flown| (flown, recorder)))
 }
 
 #[cfg(test)]

@@ -96,6 +96,37 @@ fn the_chosen_steps_have_their_rings() {
 }
 
 #[test]
+fn the_last_stroke_can_be_thinned() {
+    let at = |text: &str| {
+        let (_, recorder) = record(&simulation(Model::Uvlm(coarse()), 0.0), &steps(text)).unwrap();
+        recorder.wakes.iter().map(|w| (w.stroke, w.step)).collect::<Vec<_>>()
+    };
+    assert_eq!(at("all/6"), [(3, 0), (3, 6), (3, 12)]);
+    assert_eq!(at("all/16,1:2"), [(1, 2), (3, 0)]);
+    let thinned = |most, corners| Steps::thinned(&coarse(), most, corners).to_string();
+    assert_eq!((thinned(16, 10_000), thinned(15, 10_000)), ("all".into(), "all/2".into()));
+    // Two steps of at most 100 corners.
+    assert_eq!((thinned(16, 200), thinned(16, 0)), ("all/8".into(), "all/16".into()));
+}
+
+#[test]
+fn a_flight_told_to_stop_stops() {
+    let flight = simulation(Model::Uvlm(coarse()), 0.0);
+    let left = std::cell::Cell::new(20);
+    let on = || {
+        left.set(left.get() - 1);
+        left.get() > 0
+    };
+    assert!(record_while(&flight, &Steps::last(), &on).unwrap().is_none());
+    assert_eq!(left.get(), 0);
+    let (flown, recorder) = record_while(&flight, &Steps::last(), &|| true).unwrap().unwrap();
+    assert_eq!((flown, recorder.wakes), {
+        let (flown, recorder) = record(&flight, &Steps::last()).unwrap();
+        (flown, recorder.wakes)
+    });
+}
+
+#[test]
 fn a_tilted_stroke_plane_tilts_the_rings_forward_edge_down() {
     let wakes = |degrees| record(&simulation(Model::Uvlm(coarse()), degrees), &steps("last")).unwrap().1.wakes;
     let (level, tilted) = (wakes(0.0), wakes(90.0));
@@ -136,9 +167,9 @@ fn circulation_has_the_sense_it_is_said_to_have() {
 
 #[test]
 fn what_is_no_step_is_refused() {
-    for text in ["", "first", "7", "7:", ":0", "-1:0", "7:0.5", "last,,all", "7:0;7:1"] {
+    for text in ["", "first", "7", "7:", ":0", "-1:0", "7:0.5", "last,,all", "7:0;7:1", "all/", "all/0", "all/-2"] {
         let error = text.parse::<Steps>().unwrap_err().to_string();
-        assert!(error.contains("is no step: expected last, all, or STROKE:STEP"), "{text}: {error}");
+        assert!(error.contains("is no step: expected last, all, all/N, or STROKE:STEP"), "{text}: {error}");
     }
     let refused = |text: &str, model| Recorder::new(&simulation(model, 0.0), &steps(text)).unwrap_err().to_string();
     let lattice = Model::Uvlm(coarse());

@@ -155,6 +155,21 @@ pub fn simulate_watched(
     simulation: &Simulation,
     watch: &mut dyn FnMut(&Moment, Option<&uvlm::Solver>),
 ) -> Result<Means, Infeasible> {
+    let mut on = |moment: &Moment, solver: Option<&uvlm::Solver>| {
+        watch(moment, solver);
+        true
+    };
+    Ok(simulate_while(simulation, &mut on)?.expect("a flight told to go on at every step"))
+}
+
+/// Flies as [`simulate_watched`] for as long as `watch` says to go on; none where it did not.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_while(
+    simulation: &Simulation,
+    watch: &mut dyn FnMut(&Moment, Option<&uvlm::Solver>) -> bool,
+) -> Result<Option<Means>, Infeasible> {
     let clearance =
         crate::kinematics::clearance(&simulation.insect, simulation.elevation_phase, &simulation.parameters);
     if clearance < 0.0 {
@@ -163,12 +178,13 @@ pub fn simulate_watched(
     match &simulation.model {
         Model::Uvlm(settings) => {
             let strokes = uvlm::fly(simulation, settings, watch)?;
-            Ok(Means::over(&strokes, settings.strokes_dropped, &simulation.insect))
+            Ok(strokes.map(|strokes| Means::over(&strokes, settings.strokes_dropped, &simulation.insect)))
         }
         // Blade elements have no memory: one stroke is every stroke.
         Model::QuasiSteady(settings) => {
-            let stroke = quasi_steady::fly(simulation, settings, &mut |moment| watch(moment, None));
-            Ok(Means::over(&[stroke], 0, &simulation.insect))
+            let mut on = true;
+            let stroke = quasi_steady::fly(simulation, settings, &mut |moment| on = on && watch(moment, None));
+            Ok(on.then(|| Means::over(&[stroke], 0, &simulation.insect)))
         }
     }
 }

@@ -1,10 +1,12 @@
 //! Every message of manduca that crosses HTTP, its ids and its errors, and the
 //! one checked conversion ([`resolve`]) into what the science accepts.
 
+pub mod flight;
 pub mod history;
 pub mod ids;
 pub mod network;
 pub mod optimum;
+mod outcome;
 pub mod overview;
 pub mod point;
 pub mod problem;

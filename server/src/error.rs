@@ -8,6 +8,7 @@ use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 use crate::auth::Scope;
+use crate::look::QUEUE;
 use crate::store::StoreError;
 
 /// Why a request was refused.
@@ -102,6 +103,12 @@ pub enum ApiError {
         /// The coordinator's.
         ours: &'static str,
     },
+    /// As many strokes wait to be flown as may.
+    #[error("{QUEUE} strokes wait to be flown already; try again")]
+    Busy,
+    /// The coordinator ends before it could answer.
+    #[error("the coordinator is stopping; try again")]
+    Stopping,
     /// The store could not take or give it now.
     #[error("the store is not available; try again")]
     Unavailable(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -153,6 +160,8 @@ impl ApiError {
                 (S::UPGRADE_REQUIRED, "protocol-version", "Another version of the exchange")
             }
             Self::SolverVersion { .. } => (S::CONFLICT, "solver-version", "Another version of the solver"),
+            Self::Busy => (S::TOO_MANY_REQUESTS, "busy", "Too many strokes wait"),
+            Self::Stopping => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::TooManyWatchers { .. } => (S::SERVICE_UNAVAILABLE, "too-many-watchers", "Too many watchers"),
             Self::Internal(_) => (S::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
@@ -226,7 +235,9 @@ impl ApiError {
     /// The header a client needs to do better.
     fn hint(&self) -> Option<(HeaderName, HeaderValue)> {
         match self {
-            Self::Unavailable(_) => Some((header::RETRY_AFTER, HeaderValue::from_static("1"))),
+            Self::Unavailable(_) | Self::Busy | Self::Stopping => {
+                Some((header::RETRY_AFTER, HeaderValue::from_static("1")))
+            }
             Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
             Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/1"))),

@@ -1,6 +1,6 @@
 //! The coordinator of manduca: it takes studies, leases their jobs to workers,
 //! keeps what they return and moves each study from stage to stage. It computes
-//! nothing itself but predictions of a trained network.
+//! nothing itself but predictions of a trained network and the one stroke somebody looks at.
 //!
 //! [`run`] serves on a listener until told to stop; [`open`] and [`app`] are its
 //! two halves, so that tests start the real thing without a socket.
@@ -17,6 +17,7 @@ mod draw;
 mod error;
 mod event;
 mod http;
+mod look;
 mod metrics;
 mod offline;
 mod prepare;

@@ -12,6 +12,7 @@ use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
+use crate::look::Looks;
 use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::serve::ServerError;
@@ -33,6 +34,7 @@ struct Inner {
     stopping: CancellationToken,
     tokens: Tokens,
     metrics: Arc<Metrics>,
+    looks: Looks,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -76,6 +78,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             stopping,
             tokens: Tokens::default(),
             metrics,
+            looks: Looks::default(),
         }),
     })
 }
@@ -161,6 +164,11 @@ impl AppState {
     /// What is counted.
     pub(crate) fn metrics(&self) -> &Metrics {
         &self.inner.metrics
+    }
+
+    /// Strokes flown here.
+    pub(crate) fn looks(&self) -> &Looks {
+        &self.inner.looks
     }
 
     /// Told whenever jobs become ready.

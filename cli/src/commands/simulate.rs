@@ -3,13 +3,13 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use manduca_numerics::cases::{CASES, Case};
 use manduca_numerics::parameters::{TABLE, index};
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::{self, ResolvedModel};
-use manduca_worker::compute;
+use manduca_protocol::task::SimulateOutcome;
 use serde::Serialize;
 
 use super::record::Records;
@@ -67,7 +67,8 @@ fn changed(case: &Case, set: &[(String, f64)]) -> Result<ParameterValues> {
 
 fn fly(model: &ResolvedModel, case: &Case, parameters: ParameterValues, records: &Records) -> Result<Flown> {
     let start = Instant::now();
-    let outcome = compute::outcome(records.fly(&model.simulation(&parameters), case.name)?)?;
+    let outcome =
+        SimulateOutcome::of(records.fly(&model.simulation(&parameters), case.name)?).context("non-finite result")?;
     let unchanged = (parameters.0 == case.parameters).then_some(case.name);
     Ok(Flown::new(unchanged, parameters, outcome, start.elapsed().as_secs_f64()))
 }

@@ -139,7 +139,7 @@ fn what_cannot_be_recorded_is_refused_before_the_flight() {
     for (more, told) in [
         (&["--wake", "w.json", "--wake-steps", "4:0"][..], "there are strokes 1 to 3"),
         (&["--wake", "w.json", "--wake-steps", "3:12"], "a stroke has steps 0 to 11"),
-        (&["--wake", "w.json", "--wake-steps", "seven"], "expected last, all, or STROKE:STEP"),
+        (&["--wake", "w.json", "--wake-steps", "seven"], "expected last, all, all/N, or STROKE:STEP"),
         (&["--wake-steps", "last"], "--wake"),
         (&["--wake", "w.csv"], "written as .json"),
         (&["--history", "h.xlsx"], ".csv, .json or .ndjson"),

@@ -8,15 +8,16 @@ use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
 use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
 
-/// Flies all strokes and returns the mean of each.
+/// Flies all strokes and returns the mean of each; none when `watch`, shown every step, said not
+/// to go on.
 ///
 /// # Errors
 /// When the lattice blows up.
 pub fn fly(
     simulation: &Simulation,
     settings: &Settings,
-    watch: &mut dyn FnMut(&Moment, Option<&Solver>),
-) -> Result<Vec<StrokeMean>, Infeasible> {
+    watch: &mut dyn FnMut(&Moment, Option<&Solver>) -> bool,
+) -> Result<Option<Vec<StrokeMean>>, Infeasible> {
     let insect = &simulation.insect;
     let stroke = Stroke::new(&simulation.parameters, simulation.elevation_phase);
     let body = Body::new(simulation, &stroke);
@@ -37,11 +38,13 @@ pub fn fly(
             power.add(&attitude, &load.moment);
             let (phase, share) = (clock.phase(step as f64), clock.weight(step));
             let snapshot = cycle.add(&angles, &attitude, &load, share);
-            watch(&Moment { stroke: number, step, phase, share, snapshot }, Some(&solver));
+            if !watch(&Moment { stroke: number, step, phase, share, snapshot }, Some(&solver)) {
+                return Ok(None);
+            }
         }
         means.push(cycle.mean_with(power.take()));
     }
-    Ok(means)
+    Ok(Some(means))
 }
 
 /// Whether another stroke is to be flown: all strokes asked for, then pairs of

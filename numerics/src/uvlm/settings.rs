@@ -40,6 +40,19 @@ impl Settings {
         self.strokes.saturating_sub(self.strokes_dropped)
     }
 
+    /// Vortex segments acting on nodes over so many strokes, about: each step all rings act on all
+    /// nodes, while the wake grows by a row per step until it is as long as it is remembered. Time
+    /// of a flight is nearly proportional to it.
+    pub fn interactions(&self, strokes: usize) -> f64 {
+        let steps = self.steps_per_stroke as f64;
+        let (kept, joined) = (self.wake_strokes * steps, self.wake_joined_after * steps);
+        // Every other row of old wake has been joined to its neighbour.
+        let rows = |step: f64| step.min(joined) + 0.5 * (step.min(kept) - joined).max(0.0);
+        let wing = 1.5 * (self.chordwise_panels + 1) as f64;
+        let columns = (self.spanwise_panels + 1) as f64;
+        (0..strokes * self.steps_per_stroke).map(|step| (columns * (wing + rows(step as f64))).powi(2)).sum()
+    }
+
     /// Checks what no single field shows.
     ///
     /// # Errors

@@ -38,6 +38,8 @@ fn required(method: &Method, path: &str) -> Option<Scope> {
         (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
         (Some("v1"), Some("workers"), _, Some("drain")) => Some(Scope::Admin),
         (Some("v1"), Some("workers"), ..) if !reads => Some(Scope::Worker),
+        // Asked by POST, but nothing is stored.
+        (Some("v1"), Some("simulations"), None, _) => Some(Scope::Read),
         _ if reads || path.ends_with("/surrogate/predictions") => Some(Scope::Read),
         _ => Some(Scope::Submit),
     }
@@ -80,6 +82,7 @@ mod tests {
             (&post, "/v1/studies", Some(Scope::Submit)),
             (&post, "/v1/studies/1/cancel", Some(Scope::Submit)),
             (&post, "/v1/studies/1/surrogate/predictions", Some(Scope::Read)),
+            (&post, "/v1/simulations", Some(Scope::Read)),
             (&get, "/v1/jobs/1", Some(Scope::Read)),
             (&get, "/v1/jobs/1/task", Some(Scope::Worker)),
             (&get, "/v1/workers", Some(Scope::Read)),

@@ -4,6 +4,7 @@ use axum::body::Bytes;
 use axum::extract::rejection::{BytesRejection, FailedToBufferBody};
 use axum::extract::{DefaultBodyLimit, FromRequest, Request};
 use axum::http::{HeaderMap, header};
+use manduca_protocol::flight::SimulationRequest;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::view::PredictionRequest;
@@ -53,6 +54,7 @@ impl Accepted for ExchangeRequest {
 impl Accepted for RegisterRequest {}
 impl Accepted for PredictionRequest {}
 impl Accepted for OptimisationSpec {}
+impl Accepted for SimulationRequest {}
 
 /// A JSON body, or one in TOML where the route takes that.
 pub(crate) struct JsonBody<T>(pub(crate) T);

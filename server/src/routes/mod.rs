@@ -11,6 +11,7 @@ mod optimisations;
 mod optimum;
 mod overview;
 pub(crate) mod page;
+mod simulations;
 mod studies;
 mod submit;
 mod surrogate;
@@ -33,6 +34,7 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(surrogate::router())
         .merge(optimisations::router())
         .merge(optimum::router())
+        .merge(simulations::router())
         .merge(workers::router())
         .merge(exchange::router())
         .merge(watch::router())

@@ -10,6 +10,7 @@ mod dataset;
 mod direct;
 mod http;
 mod long_poll;
+mod look;
 mod overview;
 mod queue;
 mod restart;

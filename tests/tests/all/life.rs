@@ -66,6 +66,19 @@ fn assert_answered(coordinator: &Coordinator, id: &str, samples: u64) {
     assert_eq!(told["predictions"], json!([optimum["predicted"], optimum["predicted"]]));
 }
 
+/// A stroke of the dataset flown while one waits has the numbers it had in the study, to the last bit.
+fn assert_flown_alike(coordinator: &Coordinator, id: &str) {
+    let rows: Vec<Value> = serde_json::from_str(&coordinator.dataset(id, "application/json")).unwrap();
+    for row in &rows[..5] {
+        let asked = json!({ "study": id, "parameters": row["parameters"], "wake": "last" });
+        let flown = coordinator.post("/v1/simulations", &asked).expect(200);
+        for part in ["parameters", "means", "scaled", "joints", "strokes_averaged", "solver_version"] {
+            assert_eq!(flown[part], row[part], "{part} of sample {}", row["sample"]);
+        }
+        assert!(flown["history"].as_array().is_some_and(|rows| rows.len() == 12), "{flown}");
+    }
+}
+
 /// An ETag stays while nothing changes, and says so.
 fn assert_unchanged_is_304(coordinator: &Coordinator, id: &str) -> String {
     let path = format!("/v1/studies/{id}");
@@ -103,6 +116,7 @@ fn a_study_is_submitted_once_paused_resumed_and_answered() {
     assert_ne!(assert_unchanged_is_304(&coordinator, &id), tag);
     assert_answered(&coordinator, &id, 40);
     assert_forms_agree(&coordinator, &id);
+    assert_flown_alike(&coordinator, &id);
     assert_eq!(counts(&coordinator, &other), left, "a cancelled study goes on");
     let cancelled = coordinator.get("/v1/studies?state=cancelled");
     assert_eq!(cancelled["items"].as_array().unwrap().len(), 1);

@@ -6,7 +6,7 @@ mod search;
 mod simulate;
 mod train;
 
-pub use simulate::{outcome, simulate};
+pub use simulate::simulate;
 
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::problem::FieldProblem;
