@@ -92,9 +92,8 @@ export function optimaTab(id) {
       const convergence = searchPlots(o);
       plots.push(convergence);
       return card(`${o.name} beside ${paper.title}`, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
-        columns.length ? h("div", { class: "grid answer" },
-          h("div", {}, meansTable(columns, paper, outputs), remarks(o)),
-          h("div", {}, parametersTable(columns, paper, parameters))) : null,
+        columns.length ? h("div", { class: "answer" }, meansTable(columns, paper, outputs),
+          h("div", { class: "grid" }, parametersTable(columns, paper, parameters), remarks(o))) : null,
         convergence.root);
     });
     root.replaceChildren(...cards);
