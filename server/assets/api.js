@@ -115,17 +115,36 @@ const pause = (ms, signal) => new Promise((resolve) => {
   signal.addEventListener("abort", () => { clearTimeout(timer); resolve(); }, { once: true });
 });
 
+/** Waits until the page is looked at, or `signal` says to wait no more. */
+const lookedAt = (signal) => new Promise((resolve) => {
+  if (!document.hidden) { resolve(); return; }
+  document.addEventListener("visibilitychange", resolve, { once: true });
+  signal.addEventListener("abort", resolve, { once: true });
+});
+
+/** Ends when `signal` does, or the page is looked at no more: a browser holds few connections for all its tabs. */
+function whileLookedAt(signal) {
+  const end = new AbortController();
+  document.addEventListener("visibilitychange", () => document.hidden && end.abort(), { signal: end.signal });
+  signal.addEventListener("abort", () => end.abort(), { signal: end.signal });
+  return end.signal;
+}
+
 /** Tells of changes until `signal` ends it: by the stream, and while that is broken by looking now and then. */
 export async function watch(study, signal, changed, told) {
   const path = study ? `/v1/events?study=${encodeURIComponent(study)}` : "/v1/events";
   while (!signal.aborted) {
+    await lookedAt(signal);
+    if (signal.aborted) return;
+    const shown = whileLookedAt(signal);
     try {
-      const answer = await ask(path, { signal });
+      const answer = await ask(path, { signal: shown });
       if (!answer.ok) throw new Refusal(answer.status, null);
       told("live");
       for await (const change of events(answer.body)) changed(change);
     } catch { /* whatever it is, the next look tells */ }
     if (signal.aborted) return;
+    if (document.hidden) continue;
     try {
       const alive = await fetch("/healthz", { signal });
       told(alive.ok ? "polling" : "away");

@@ -40,6 +40,7 @@ function dress(layout) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: "system-ui, sans-serif", size: 12, color: colour("ink") },
     margin: { l: 48, r: 12, t: 12, b: 38 }, hoverlabel: { font: { size: 12 } },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("accent") },
     colorway: ["c1", "c2", "c3", "c4"].map(colour),
     legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 },
     xaxis: axis(), yaxis: axis(), ...layout, ...axes,

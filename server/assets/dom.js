@@ -32,9 +32,10 @@ export function table(caption, columns, rows, stack = false) {
   const heads = columns.map(([name, , number]) => h("th", { scope: "col", class: number ? "number" : null }, name));
   const cells = (row) => columns.map(([name, cell, number], i) => {
     const first = i === 0;
+    const told = cell(row) ?? "-";
     return h(first ? "th" : "td", {
-      scope: first ? "row" : null, class: number ? "number" : null, "data-label": first ? null : name,
-    }, cell(row) ?? "-");
+      scope: first ? "row" : null, class: told === "" ? "empty" : number ? "number" : null, "data-label": first ? null : name,
+    }, told);
   });
   return h("div", { class: "scroll" }, h("table", { class: stack ? "stack" : null },
     caption ? h("caption", {}, caption) : null,

@@ -3,11 +3,11 @@
 import { constants, get } from "./api.js";
 import { SCALE, chart, colour, dots, fast } from "./charts.js";
 import { calm, card, h } from "./dom.js";
-import { symbol, whole } from "./format.js";
+import { symbol, whole, words } from "./format.js";
 
 const choice = (id, label, options, chosen, changed) => {
   const select = h("select", { id, onchange: changed }, options.map(([value, name]) => h("option", { value, selected: value === chosen }, name)));
-  return [h("label", { for: id }, label), select];
+  return h("span", { class: "pair" }, h("label", { for: id }, label), select);
 };
 
 /** Columns of numbers by name. */
@@ -73,12 +73,12 @@ export function explorerCard(id) {
   const load = calm(async () => {
     [points, names] = await Promise.all([get(`/v1/studies/${id}/points`), constants()]);
     if (!controls.firstChild) {
-      const means = names.outputs.map((o) => [o.name, `${o.symbol} ${o.name.replace("_", " ")}`]);
-      const ten = names.parameters.map((p) => [p.name, `${p.symbol} ${p.meaning.split(",")[0]}`]);
-      controls.append(...choice("explore-kind", "Show", [["parallel", "parallel coordinates"], ["cloud", "two against each other"]], "parallel", draw),
-        ...choice("explore-by", "Colour", [...means, ...ten], "power", draw),
-        ...choice("explore-x", "Across", [...ten, ...means], "frequency_hz", draw),
-        ...choice("explore-y", "Up", [...means, ...ten], "lift", draw));
+      const means = names.outputs.map((o) => [o.name, `${o.name.replace("_", " ")} ${o.symbol}`]);
+      const ten = names.parameters.map((p) => [p.name, `${words(p.name)} ${p.symbol}`]);
+      controls.append(choice("explore-kind", "Show", [["parallel", "parallel coordinates"], ["cloud", "two against each other"]], "parallel", draw),
+        choice("explore-by", "Colour", [...means, ...ten], "power", draw),
+        choice("explore-x", "Across", [...ten, ...means], "frequency_hz", draw),
+        choice("explore-y", "Up", [...means, ...ten], "lift", draw));
     }
     draw();
   }, 10000);

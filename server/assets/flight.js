@@ -52,13 +52,12 @@ export function flightCard(id, stroke, flown) {
       fill(said, h("p", { class: "fault" }, `This stroke cannot be flown: ${flight.reason}.`));
       return;
     }
-    fill(said, table(`Means over ${flight.strokes_averaged} strokes, solver ${flight.solver_version}`, [
-      ["", () => "simulated ± se"],
-      ...stroke.names.outputs.map((o) => [o.symbol, () => estimate(flight.scaled[o.name]), true]),
-      ["P/L [W/N]", () => digits(flight.power_per_lift_w_per_n, 4), true],
-    ], [null]));
-    plots.hidden = false;
     const rows = flight.history;
+    const means = stroke.names.outputs.map((o) => [`${o.name.replace("_", " ")} ${o.symbol}`, estimate(flight.scaled[o.name])]);
+    means.push(["P/L [W/N]", digits(flight.power_per_lift_w_per_n, 4)]);
+    fill(said, table(`Means over ${flight.strokes_averaged} strokes, solver ${flight.solver_version}`,
+      [["Mean", (m) => m[0]], ["simulated ± se", (m) => m[1], true]], means));
+    plots.hidden = false;
     const peak = Math.max(...rows.map((r) => r.lift_n)) / scales.lift;
     first.show(() => loads(rows, scales), `Loads of both wings over the last stroke flown; lift reaches ${digits(peak)} times the weight.`);
     second.show(() => power(rows), `Power the muscles must deliver, and its parts by joint; at most ${digits(1000 * Math.max(...rows.map((r) => r.power_w)))} mW.`);

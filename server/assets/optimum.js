@@ -2,7 +2,7 @@
 
 import { constants } from "./api.js";
 import { badge, calm, card, h, table } from "./dom.js";
-import { digits, estimate, fixed, whole } from "./format.js";
+import { digits, estimate, fixed, symbol, whole, words } from "./format.js";
 import { searchPlots } from "./search.js";
 
 /** P0 of the paper's hawkmoth, mW: what its powers are divided by here. */
@@ -38,7 +38,7 @@ export function strokes(optimisation) {
 
 function parametersTable(columns, paper, parameters) {
   return table(null, [
-    ["Parameter", (p) => `${p.symbol} ${p.meaning.split(",")[0]}${p.unit ? ` [${p.unit}]` : ""}`],
+    ["Parameter", (p) => `${words(p.name)} ${symbol(p)}`],
     ...columns.map((c) => [c.title, (p) => fixed(c.parameters[p.name], 3), true]),
     ["paper", (p) => digits(paper.parameters[p.name], 4), true],
   ], parameters);
@@ -46,7 +46,7 @@ function parametersTable(columns, paper, parameters) {
 
 function meansTable(columns, paper, outputs) {
   const theirs = [paper.lift, 0, 0, paper.power_mw === null ? null : paper.power_mw / PAPER_P0_MW];
-  const rows = outputs.map((o, i) => ({ name: `${o.symbol} ${o.name.replace("_", " ")}`, of: o.name, paper: fixed(theirs[i], 3) }));
+  const rows = outputs.map((o, i) => ({ name: `${o.name.replace("_", " ")} ${o.symbol}`, of: o.name, paper: fixed(theirs[i], 3) }));
   rows.push({ name: "P/L [W/N]", paper: fixed(paper.power_per_lift_w_per_n, 2) });
   return table(null, [
     ["Mean", (r) => r.name],
@@ -55,7 +55,7 @@ function meansTable(columns, paper, outputs) {
       ["simulated ± se", (r) => (r.of ? estimate(c.simulated?.[r.of]) : fixed(c.perLift, 3)), true],
     ]),
     ["paper", (r) => r.paper, true],
-  ], rows);
+  ], rows, true);
 }
 
 /** What there is to say beside the tables. */
@@ -92,9 +92,8 @@ export function optimaTab(id) {
       const convergence = searchPlots(o);
       plots.push(convergence);
       return card(`${o.name} beside ${paper.title}`, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
-        columns.length ? h("div", { class: "grid" },
-          h("div", {}, meansTable(columns, paper, outputs), remarks(o)),
-          h("div", {}, parametersTable(columns, paper, parameters))) : null,
+        columns.length ? h("div", { class: "answer" }, meansTable(columns, paper, outputs),
+          h("div", { class: "grid" }, parametersTable(columns, paper, parameters), remarks(o))) : null,
         convergence.root);
     });
     root.replaceChildren(...cards);

@@ -2,8 +2,11 @@
 
 import { post } from "./api.js";
 import { card, fill, h } from "./dom.js";
-import { digits, fixed, symbol } from "./format.js";
+import { digits, fixed, symbol, words } from "./format.js";
 import { angles, attitude } from "./stroke.js";
+
+/** As many digits as a box shows; what differs from zero by rounding is zero. */
+const short = (value) => Number(value.toFixed(Math.abs(value) < 10 ? 3 : 2));
 
 /** Bounds of a parameter in a study: its own, or the paper's. */
 function bounds(spec, parameter) {
@@ -63,19 +66,19 @@ export function predictorCard(id, stroke) {
 
   const rows = parameters.map((p) => {
     const [low, high] = bounds(stroke.study.spec, p);
-    const range = h("input", { type: "range", id: `p-${p.name}`, min: low, max: high, step: "any", "aria-label": `${p.meaning}, ${p.unit || "no unit"}` });
-    const number = h("input", { type: "number", step: "any", "aria-label": `${p.meaning}, value` });
+    const range = h("input", { type: "range", id: `p-${p.name}`, min: low, max: high, step: "any", "aria-label": `${words(p.name)}: ${p.meaning}` });
+    const number = h("input", { type: "number", step: "any", "aria-label": `${words(p.name)}, value` });
     const set = (value, from) => {
       if (!Number.isFinite(value)) return;
       stroke.x[p.name] = value;
-      if (from !== number) number.value = Number(value.toPrecision(5));
+      if (from !== number) number.value = short(value);
       if (from !== range) range.value = value;
       panel.onchange();
       predict();
     };
     range.addEventListener("input", () => set(range.valueAsNumber, range));
     number.addEventListener("input", () => set(number.valueAsNumber, number));
-    const label = h("label", { for: `p-${p.name}`, title: p.meaning }, `${symbol(p)} ${p.meaning.split(",")[0]}`);
+    const label = h("label", { for: `p-${p.name}`, title: p.meaning }, `${words(p.name)} ${symbol(p)}`);
     return { p, range, number, nodes: [label, range, number] };
   });
 
@@ -89,7 +92,7 @@ export function predictorCard(id, stroke) {
         range.min = Math.min(low, value);
         range.max = Math.max(high, value);
         range.value = value;
-        number.value = Number(value.toPrecision(5));
+        number.value = short(value);
       }
       predict();
     },

@@ -103,7 +103,7 @@ function view(stroke, at, ends) {
       height: 430, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "keep", showlegend: false,
       scene: {
         xaxis: axis("forward [mm]", ends[0]), yaxis: axis("left [mm]", ends[1]), zaxis: axis("up [mm]", ends[2]),
-        aspectmode: "data", uirevision: "keep", camera: { eye: { x: 1.15, y: 1.0, z: 0.55 }, center: { x: 0, y: 0, z: -0.08 } },
+        aspectmode: "data", uirevision: "keep", camera: { eye: { x: 1.7, y: 1.1, z: 0.75 }, center: { x: 0, y: 0, z: -0.1 } },
       },
     },
   };

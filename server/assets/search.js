@@ -15,7 +15,7 @@ function refining(history) {
     ],
     layout: {
       height: 260, hovermode: "x unified", xaxis: { title: "strokes flown" }, margin: { l: 55, r: 50, t: 12, b: 38 },
-      yaxis: { title: "out of trim", type: "log", exponentformat: "power" }, yaxis2: { title: "P+", overlaying: "y", side: "right", showgrid: false },
+      yaxis: { title: "out of trim", type: "log", exponentformat: "power" }, yaxis2: { title: "P+", overlaying: "y", side: "right", showgrid: false, tickmode: "auto", nticks: 5 },
     },
   };
 }

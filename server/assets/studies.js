@@ -73,7 +73,7 @@ export function listPage() {
       ["State", (s) => badge(s.state)],
       ["Samples", progress],
       ["Submitted", (s) => h("time", { datetime: s.created_at }, when(s.created_at))],
-      ["Steer", (s) => steering(s.id, s.state, load)],
+      ["Steer", (s) => (s.state === "succeeded" || s.state === "cancelled" ? "" : steering(s.id, s.state, load))],
     ];
     list.replaceChildren(table("Newest first", columns, studies, true),
       more ? h("button", { type: "button", onclick: () => { pages += 1; load(); } }, "Show more") : "");

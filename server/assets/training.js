@@ -86,15 +86,15 @@ function pairs(points, outputs) {
   return { traces, layout };
 }
 
-/** Errors by share and output. */
+/** Errors by output and share. */
 function errors(view, outputs) {
-  const rows = ["train", "validation", "test"].filter((share) => view[share]).map((share) => ({ share, ...view[share] }));
-  return table("Root mean square errors of the scaled means, and correlation with the simulations", [
-    ["Share", (r) => (r.share === "train" ? "training" : r.share)],
-    ["Samples", (r) => whole(r.count), true],
-    ...outputs.map((o) => [`${o.symbol} rms`, (r) => digits(r.rmse[o.name], 3), true]),
-    ...outputs.map((o) => [`${o.symbol} corr.`, (r) => fixed(r.correlation[o.name], 4), true]),
-  ], rows);
+  const shares = [["train", "training"], ["validation", "validation"], ["test", "test"]].filter(([share]) => view[share]);
+  const counts = shares.map(([share, name]) => `${whole(view[share].count)} ${name}`).join(", ");
+  return table(`Root mean square errors of the scaled means, and correlation on the test share; samples: ${counts}`, [
+    ["Mean", (o) => o.symbol],
+    ...shares.map(([share, name]) => [name, (o) => digits(view[share].rmse[o.name], 3), true]),
+    ["correlation", (o) => fixed(view.test?.correlation[o.name], 4), true],
+  ], outputs);
 }
 
 /** Predictions against simulations on the test share. */

@@ -40,7 +40,8 @@ export function workersPanel() {
       table(null, [
         ["Worker", (w) => w.name],
         ["State", (w) => badge(state(w))],
-        ["Busy slots", (w) => `${w.leased} of ${w.slots}`, true],
+        ["Slots", (w) => w.slots, true],
+        ["Jobs in hand", (w) => whole(w.leased), true],
         ["Jobs a second", (w) => digits(rates.get(w.id), 2), true],
         ["Done", (w) => whole(w.completed), true],
         ["Failed", (w) => (w.strikes ? `${w.failed} (${w.strikes} in a row)` : w.failed), true],
