@@ -147,7 +147,7 @@ impl Steps {
     fn has(&self, settings: &Settings, stroke: usize, step: usize) -> bool {
         let of_last = |choice: &Choice| match choice {
             Choice::Last => step + 1 == settings.steps_per_stroke,
-            Choice::Every(n) => step % n == 0,
+            Choice::Every(n) => step.is_multiple_of(*n),
             Choice::At { .. } => false,
         };
         self.name(stroke, step) || stroke >= settings.strokes && self.0.iter().any(of_last)
@@ -272,11 +272,14 @@ impl Recorder {
     }
 }
 
+/// What a flight ended with, and what was recorded of it.
+pub type Recorded = (Result<Means, Infeasible>, Recorder);
+
 /// Flies a simulation and records it. A flight which breaks off is recorded as far as it went.
 ///
 /// # Errors
 /// When the steps cannot be kept; nothing is flown then.
-pub fn record(simulation: &Simulation, steps: &Steps) -> Result<(Result<Means, Infeasible>, Recorder), StepsError> {
+pub fn record(simulation: &Simulation, steps: &Steps) -> Result<Recorded, StepsError> {
     let mut recorder = Recorder::new(simulation, steps)?;
     let flown = simulate_watched(simulation, &mut |moment, solver| recorder.watch(moment, solver));
     Ok((flown, recorder))
@@ -290,7 +293,7 @@ pub fn record_while(
     simulation: &Simulation,
     steps: &Steps,
     on: &dyn Fn() -> bool,
-) -> Result<Option<(Result<Means, Infeasible>, Recorder)>, StepsError> {
+) -> Result<Option<Recorded>, StepsError> {
     let mut recorder = Recorder::new(simulation, steps)?;
     let flown = simulate_while(simulation, &mut |moment, solver| {
         recorder.watch(moment, solver);
