@@ -21,6 +21,15 @@ if TYPE_CHECKING:
 PATIENCE = 120_000
 BEGAN = time.monotonic()
 
+# What each part of a study says once it has its data.
+SAYS = {
+    "Overview": "per second on average",
+    "Surrogate": "samples of this share",
+    "Dataset": "all 60 samples",
+    "Optima": "at last out of trim",
+    "Stroke": "The three angles",
+}
+
 # How many charts of a tab are still to be drawn; they are when in view, so the first is brought there.
 UNDRAWN = """() => {
     const plots = [...document.querySelectorAll("#tab .plot")].filter((e) => e.checkVisibility() && !e.dataset.drawn);
@@ -56,6 +65,7 @@ class Visitor:
     def open(self, tab: str) -> None:
         """Open a part of the study, and wait until each chart in it is drawn."""
         self.page.get_by_role("link", name=tab, exact=True).click()
+        expect(self.page.locator("#tab")).to_contain_text(SAYS[tab], timeout=PATIENCE)
         until, settled = time.monotonic() + PATIENCE / 1000, 0
         while settled < 3:
             assert time.monotonic() < until, f"{tab} is not drawn"

@@ -78,6 +78,18 @@ export async function post(path, body, more = {}, signal = undefined) {
   return checked(await ask(path, { method: "POST", body: sent, headers: { "content-type": "application/json", ...more }, signal }));
 }
 
+/** Follows a link to a file; where a token is asked for, which no link carries, in its stead. */
+export async function take(event) {
+  const link = event.currentTarget;
+  if (!sessionStorage.getItem(TOKEN)) return;
+  event.preventDefault();
+  const answer = await ask(link.getAttribute("href"), {});
+  if (!answer.ok) throw new Refusal(answer.status, null);
+  const url = URL.createObjectURL(await answer.blob());
+  h("a", { href: url, download: link.getAttribute("download") }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 60000);
+}
+
 let reference = null;
 
 /** What is the same for all studies. */

@@ -78,7 +78,7 @@ export function repaint() {
 
 /** A chart with its text alternative. */
 export function chart(caption) {
-  const node = h("div", { class: "plot", role: "img" });
+  const node = h("div", { class: "plot", role: "img", hidden: true });
   const text = h("figcaption", {}, caption);
   const figure = h("figure", {}, node, text);
   return {
@@ -89,6 +89,7 @@ export function chart(caption) {
       const fresh = !shown.has(node);
       const old = shown.get(node) ?? {};
       shown.set(node, Object.assign(old, { make }));
+      node.hidden = false;
       node.setAttribute("aria-label", told);
       text.textContent = told;
       if (fresh) seen.observe(node); else if (node.dataset.drawn || old.busy) paint(node);

@@ -1,6 +1,6 @@
 // The dataset: ten parameters and four means of every sample, or of enough to stand for all.
 
-import { constants, get } from "./api.js";
+import { constants, get, take } from "./api.js";
 import { SCALE, chart, colour, dots, fast } from "./charts.js";
 import { calm, card, h } from "./dom.js";
 import { symbol, whole, words } from "./format.js";
@@ -55,7 +55,7 @@ export function explorerCard(id) {
   const box = h("div", { class: "scroll" }, plot.figure);
   const controls = h("div", { class: "row" });
   const download = h("p", { class: "small" }, "All samples with all digits: ",
-    ["csv", "json", "ndjson"].flatMap((f) => [h("a", { href: `/v1/studies/${id}/dataset?format=${f}`, download: `dataset.${f}` }, f), " "]));
+    ["csv", "json", "ndjson"].flatMap((f) => [h("a", { href: `/v1/studies/${id}/dataset?format=${f}`, download: `dataset.${f}`, onclick: take }, f), " "]));
   let points = null, names = null;
   const chosen = () => Object.fromEntries(["kind", "by", "x", "y"].map((k) => [k, controls.querySelector(`#explore-${k}`).value]));
   const draw = () => {

@@ -96,6 +96,8 @@ function view(stroke, at, ends) {
   traces.push(tips(stroke, 1), tips(stroke, -1));
   const hinge = 1000 * stroke.wing.hinge_offset_m;
   traces.push({ type: "scatter3d", mode: "lines+markers", x: [0, 0], y: [-hinge, hinge], z: [0, 0], marker: { size: 3, color: colour("ink") }, line: { color: colour("ink"), width: 5 }, hoverinfo: "skip", showlegend: false });
+  // A narrow page shows less to the sides: one steps back.
+  const away = innerWidth < 640 ? 1.45 : 1;
   const axis = (title, range) => ({ title: { text: title }, range, color: colour("soft"), gridcolor: colour("grid"), zerolinecolor: colour("line"), backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
   return {
     traces,
@@ -103,7 +105,7 @@ function view(stroke, at, ends) {
       height: 430, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "keep", showlegend: false,
       scene: {
         xaxis: axis("forward [mm]", ends[0]), yaxis: axis("left [mm]", ends[1]), zaxis: axis("up [mm]", ends[2]),
-        aspectmode: "data", uirevision: "keep", camera: { eye: { x: 1.7, y: 1.1, z: 0.75 }, center: { x: 0, y: 0, z: -0.1 } },
+        aspectmode: "data", uirevision: "keep", camera: { eye: { x: 1.7 * away, y: 1.1 * away, z: 0.75 * away }, center: { x: 0, y: 0, z: -0.1 } },
       },
     },
   };

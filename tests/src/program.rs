@@ -9,13 +9,14 @@ use std::sync::OnceLock;
 use std::time::SystemTime;
 
 /// Folders and files the program is made of.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "Cargo.toml",
     "Cargo.lock",
     "cli/src",
     "cli/Cargo.toml",
     "numerics/src",
     "protocol/src",
+    "server/assets",
     "server/src",
     "worker/src",
     "migrations",
