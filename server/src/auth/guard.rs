@@ -32,7 +32,7 @@ fn required(method: &Method, path: &str) -> Option<Scope> {
     let reads = method == Method::GET || method == Method::HEAD;
     let mut parts = path.trim_start_matches('/').split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
-        (Some("healthz" | "readyz" | "openapi.json"), None, ..) if reads => None,
+        (Some("healthz" | "readyz" | "openapi.json" | "docs"), None, ..) | (Some("docs"), ..) if reads => None,
         (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
         (Some("v1"), Some("workers"), _, Some("drain")) => Some(Scope::Admin),
         (Some("v1"), Some("workers"), ..) if !reads => Some(Scope::Worker),
@@ -69,6 +69,9 @@ mod tests {
         let (get, post, delete) = (Method::GET, Method::POST, Method::DELETE);
         let cases = [
             (&get, "/healthz", None),
+            (&get, "/docs", None),
+            (&get, "/docs/start.js", None),
+            (&post, "/docs", Some(Scope::Submit)),
             (&post, "/healthz", Some(Scope::Submit)),
             (&get, "/healthz/x", Some(Scope::Read)),
             (&get, "/metrics", Some(Scope::Read)),
