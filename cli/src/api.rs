@@ -89,6 +89,15 @@ impl Api {
         network::surrogate(&message).map_err(|why| anyhow!("the surrogate of study {id} is of another version: {why}"))
     }
 
+    /// Whether it has a surrogate already.
+    pub async fn model_so_far(&self, id: StudyId) -> Result<bool, CallError> {
+        match http::send(self.http.get(&format!("/v1/studies/{id}/surrogate/model"))).await {
+            Ok(_) => Ok(true),
+            Err(error) if error.status() == Some(404) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
     /// Asks for a further optimum on its network.
     pub async fn add_optimisation(&self, id: StudyId, spec: &OptimisationSpec) -> Result<OptimumView, CallError> {
         http::call(self.http.post(&format!("/v1/studies/{id}/optimisations")).json(spec)).await
@@ -114,9 +123,9 @@ impl Api {
         http::send(self.http.post(&format!("/v1/studies/{id}/{action}"))).await.map(drop)
     }
 
-    /// The dataset in a media type, as it comes.
-    pub async fn dataset(&self, id: StudyId, media_type: &str) -> Result<reqwest::Response, CallError> {
-        let request = self.http.get(&format!("/v1/studies/{id}/dataset"));
+    /// A part of a study, such as `dataset`, in a media type, as it comes.
+    pub async fn part(&self, id: StudyId, part: &str, media_type: &str) -> Result<reqwest::Response, CallError> {
+        let request = self.http.get(&format!("/v1/studies/{id}/{part}"));
         http::send(request.header("accept", media_type).timeout(std::time::Duration::from_secs(3600))).await
     }
 

@@ -2,6 +2,7 @@
 
 mod analyse;
 mod bench;
+mod fetch;
 mod model;
 mod operate;
 mod optimise;
@@ -14,6 +15,7 @@ pub use analyse::{AnalyseCommand, FrontArgs, PopulationArgs, SobolArgs, SubjectA
 pub use bench::{
     BenchAccuracyArgs, BenchCommand, BenchQueueArgs, BenchSolverArgs, BenchSurrogateArgs, FeaturesChoice, MethodChoice,
 };
+pub use fetch::{CompletionsArgs, DatasetArgs, DatasetFormat, FiguresArgs, SurrogateArgs, SurrogateFormat};
 pub use model::{Model, ModelArgs};
 pub use operate::{
     BackupArgs, CheckArgs, DbCommand, DoctorArgs, DrainArgs, ExplainArgs, PruneArgs, WorkerListArgs, WorkersCommand,
@@ -97,6 +99,8 @@ pub enum Command {
     Study(StudyCommand),
     /// Write the dataset of a study.
     Dataset(DatasetArgs),
+    /// Draw every plot of a study, as SVG and PNG.
+    Figures(FiguresArgs),
     /// Show the optima of a study beside the paper's.
     Optimum(TargetArgs),
     /// Ask a finished study for a further optimum on its network.
@@ -110,6 +114,8 @@ pub enum Command {
     Insects(InsectsArgs),
     /// List the solver's settings with ranges and defaults.
     Settings(SettingsArgs),
+    /// Print what makes a shell complete this command's words.
+    Completions(CompletionsArgs),
     /// Measure this machine.
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -276,6 +282,8 @@ pub enum StudyCommand {
     Cancel(TargetArgs),
     /// Try its dead jobs again.
     RetryFailed(TargetArgs),
+    /// Write its surrogate: as JSON, or as an ONNX model which other programs run.
+    Model(SurrogateArgs),
 }
 
 /// `manduca study submit`.
@@ -327,31 +335,6 @@ pub struct TargetArgs {
     pub json: bool,
 }
 
-/// `manduca dataset`.
-#[derive(Debug, Args)]
-pub struct DatasetArgs {
-    /// Id of the study, the end of its id, or `latest`.
-    #[arg(value_name = "STUDY")]
-    pub study: String,
-    #[command(flatten)]
-    pub coordinator: Coordinator,
-    /// csv: one row per sample; ndjson: one object per line; json: one array of them.
-    #[arg(long, value_enum, default_value_t = DatasetFormat::Csv)]
-    pub format: DatasetFormat,
-    /// Write to this file instead of standard output.
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-}
-
-/// How a dataset is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs)]
-pub enum DatasetFormat {
-    Csv,
-    Json,
-    Ndjson,
-}
-
 /// `manduca simulate`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -362,7 +345,8 @@ Examples:
   manduca simulate --spanwise-panels 16 --steps-per-stroke 96 --strokes 12 --json
   manduca simulate --insect-set wing_mass_kg=0     a wing without inertia
   manduca simulate --history lift.csv              lift and power at every step
-  manduca simulate --wake wake.json --wake-steps 7:0,last    the vortex rings of two steps")]
+  manduca simulate --wake wake.json --wake-steps 7:0,last    the vortex rings of two steps
+  manduca simulate --vtk flight                    the last stroke for ParaView: flight/flight.pvd")]
 pub struct SimulateArgs {
     /// Stroke to start from: reference, optimum-1, optimum-2, five-direct, five-ann, or all of them.
     #[arg(long, default_value = "reference", value_parser = model::case_names())]
@@ -384,6 +368,9 @@ pub struct SimulateArgs {
 pub struct InsectsArgs {
     /// A preset to print in full.
     pub name: Option<String>,
+    /// Print one JSON object: every preset, or the one named, in full.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca settings`.
@@ -392,6 +379,9 @@ pub struct SettingsArgs {
     /// Model whose settings are listed.
     #[arg(long, value_enum, default_value_t = Model::Uvlm)]
     pub model: Model,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca healthcheck`.
@@ -402,5 +392,7 @@ pub struct HealthcheckArgs {
     pub url: String,
 }
 
+#[cfg(test)]
+mod page;
 #[cfg(test)]
 mod tests;

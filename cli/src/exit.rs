@@ -38,7 +38,28 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     note(format_args!("error: {error:#}"));
+    if let Some(advice) = advice(error) {
+        note(format_args!("  -> {advice}"));
+    }
     ExitCode::from(code(error))
+}
+
+/// What to do about an error which does not say so itself.
+fn advice(error: &anyhow::Error) -> Option<&'static str> {
+    error.chain().find_map(|cause| match cause.downcast_ref::<CallError>()? {
+        CallError::Unreachable { .. } => Some(
+            "is a coordinator running there? `manduca serve` starts one; --coordinator URL or MANDUCA_COORDINATOR \
+             names another",
+        ),
+        CallError::Unreadable { .. } => Some("is this a coordinator's address, and of the same version?"),
+        CallError::Refused(problem) => match problem.status {
+            401 => Some("give a token by --token-file FILE or MANDUCA_TOKEN; `manduca token create` makes one there"),
+            404 if problem.kind.ends_with("not-yet") => Some("`manduca study watch STUDY` follows it until there is"),
+            404 if problem.kind.ends_with("unknown-study") => Some("`manduca study list` shows which there are"),
+            429 | 503 => Some("the same line a little later may do"),
+            _ => None,
+        },
+    })
 }
 
 fn code(error: &anyhow::Error) -> u8 {
@@ -67,6 +88,10 @@ mod tests {
         let deep = Err::<(), _>(refused("no such study")).context("while looking").unwrap_err();
         assert_eq!(code(&deep), REFUSED);
         assert_eq!(code(&anyhow::anyhow!("disk full")), FAILED);
+        let nobody = CallError::Unreachable { url: "http://x".into(), reason: "refused".into() };
+        let nobody = anyhow::Error::from(nobody).context("while looking");
+        assert_eq!(code(&nobody), FAILED);
+        assert!(advice(&nobody).is_some_and(|a| a.contains("manduca serve")) && advice(&deep).is_none());
         let pipe = anyhow::Error::from(io::Error::from(io::ErrorKind::BrokenPipe)).context("writing");
         assert!(is_broken_pipe(&pipe) && !is_broken_pipe(&deep));
     }

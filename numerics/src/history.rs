@@ -117,14 +117,18 @@ impl Steps {
         Self(vec![Choice::Last])
     }
 
+    /// Every `n`-th step of the last stroke, from its first; 0 counts as 1.
+    pub fn every(n: usize) -> Self {
+        Self(vec![Choice::Every(n.max(1))])
+    }
+
     /// Steps of the last stroke, evenly thinned until they are at most `steps` with at most
     /// `corners` ring corners in all.
     pub fn thinned(settings: &Settings, steps: usize, corners: usize) -> Self {
-        let every = |n: usize| Self(vec![Choice::Every(n)]);
         let fits =
-            |n: &usize| settings.steps_per_stroke.div_ceil(*n) <= steps && every(*n).corners(settings) <= corners;
+            |n: &usize| settings.steps_per_stroke.div_ceil(*n) <= steps && Self::every(*n).corners(settings) <= corners;
         let n = (1..settings.steps_per_stroke).find(fits).unwrap_or(settings.steps_per_stroke);
-        every(n)
+        Self::every(n)
     }
 
     /// Ring corners of these steps of a flight, at most.

@@ -62,15 +62,23 @@ impl Flight {
     /// # Errors
     /// As [`Self::fly`].
     pub fn fly_with_history(&self) -> Result<(Means, Vec<Moment>), Infeasible> {
-        let mut history = Vec::new();
-        let means = simulate_watched(&self.simulation(), &mut |moment, _| {
-            if moment.step == 0 {
-                history.clear();
-            }
-            history.push(*moment);
-        })?;
-        Ok((means, history))
+        fly_with_history(&self.simulation())
     }
+}
+
+/// Flies any simulation and keeps every step of the last stroke.
+///
+/// # Errors
+/// When the wings would collide or the lattice blows up.
+pub fn fly_with_history(simulation: &Simulation) -> Result<(Means, Vec<Moment>), Infeasible> {
+    let mut history = Vec::new();
+    let means = simulate_watched(simulation, &mut |moment, _| {
+        if moment.step == 0 {
+            history.clear();
+        }
+        history.push(*moment);
+    })?;
+    Ok((means, history))
 }
 
 /// Flies all of them on all cores; answers are in the order of the flights.

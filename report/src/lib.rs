@@ -9,6 +9,7 @@ pub mod canonical;
 pub mod check;
 pub mod convergence;
 pub mod difference;
+pub mod figures;
 pub mod flights;
 pub mod markdown;
 pub mod output;

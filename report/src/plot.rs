@@ -1,6 +1,8 @@
 //! Line plots as SVG. Text is left to the viewer's own sans-serif font, so that no
 //! font library is needed.
 
+mod png;
+
 use std::fmt::Display;
 use std::io;
 use std::ops::Range;
@@ -9,6 +11,8 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+pub use png::png;
 
 /// Colours told apart by the colour-blind too (Okabe & Ito).
 const COLOURS: [RGBColor; 7] = [
@@ -33,6 +37,8 @@ pub enum Mark {
     Dashed,
     /// Open circles: published or exact values.
     Points,
+    /// Small dots: values of which there are many.
+    Dots,
 }
 
 /// One curve.
@@ -139,7 +145,7 @@ fn failed(error: impl Display) -> io::Error {
 
 fn draw_key(area: &Area<'_>, (x, y): (i32, i32), label: &str, mark: Mark, colour: RGBColor) -> io::Result<()> {
     let sample = match mark {
-        Mark::Points => vec![],
+        Mark::Points | Mark::Dots => vec![],
         Mark::Line => vec![(x, x + 26)],
         Mark::Dashed => vec![(x, x + 7), (x + 10, x + 17), (x + 20, x + 26)],
     };
@@ -148,6 +154,9 @@ fn draw_key(area: &Area<'_>, (x, y): (i32, i32), label: &str, mark: Mark, colour
     }
     if mark == Mark::Points {
         area.draw(&Circle::new((x + 13, y), 4, colour.stroke_width(2))).map_err(failed)?;
+    }
+    if mark == Mark::Dots {
+        area.draw(&Circle::new((x + 13, y), 3, colour.filled())).map_err(failed)?;
     }
     let style = (FONT, 13).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
     area.draw(&Text::new(label.to_owned(), (x + 32, y), style)).map_err(failed)
@@ -196,6 +205,7 @@ impl Series {
         match self.mark {
             Mark::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2))).map(|_| ()),
             Mark::Dashed => chart.draw_series(DashedLineSeries::new(points, 7, 4, colour.stroke_width(2))).map(|_| ()),
+            Mark::Dots => chart.draw_series(points.map(|p| Circle::new(p, 2, colour.mix(0.4).filled()))).map(|_| ()),
             Mark::Points => chart.draw_series(points.map(|p| Circle::new(p, 4, colour.stroke_width(2)))).map(|_| ()),
         }
         .map_err(failed)

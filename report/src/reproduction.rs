@@ -13,6 +13,7 @@ use manduca_numerics::surrogate::Surrogate;
 
 use crate::markdown::Document;
 use crate::output::Report;
+use crate::plot::Figure;
 
 /// A study as it ended.
 #[derive(Debug, Clone)]
@@ -124,6 +125,14 @@ pub fn compute(study: &Study, five: Option<&Five>, effort: &Effort, tell: &mut d
     }
     searches::write(study, effort, &mut document, &mut figures, tell)?;
     Ok(Report { name: "reproduction.md", text: document.text().to_owned(), figures })
+}
+
+/// The sweep of the population on a study's surrogate (Fig. 7 of the paper): minutes of searching.
+///
+/// # Errors
+/// When a search fails.
+pub fn population(study: &Study, effort: &Effort) -> io::Result<Figure> {
+    searches::population(study, effort)
 }
 
 #[cfg(test)]

@@ -11,10 +11,11 @@ use crate::state::AppState;
 
 /// The whole service without a socket.
 pub fn app(state: AppState) -> Router {
-    let (router, document) = routes::all().split_for_parts();
+    let (router, document) = routes::described();
     router
         .merge(routes::openapi::router(document))
         .merge(routes::page::router())
+        .merge(routes::docs::router())
         .fallback(|| async { ApiError::NoRoute })
         .method_not_allowed_fallback(|| async { ApiError::MethodNotAllowed })
         .layer(from_fn_with_state(state.clone(), guard))

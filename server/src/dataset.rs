@@ -1,10 +1,15 @@
-//! The dataset as text, in each of its formats. Rows hold numbers only, never
-//! where or when they were computed: the same study flown elsewhere gives the
-//! same bytes.
+//! The dataset in each of its formats. Rows hold numbers only, never where or when
+//! they were computed: the same study flown elsewhere gives the same bytes of text.
+
+mod table;
 
 use manduca_numerics::parameters::{OUTPUTS, TABLE};
+use manduca_protocol::ids::StudyId;
+use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::{Estimate, SimulateOutcome};
 use manduca_protocol::view::DatasetRow;
+
+use table::TableWriter;
 
 /// How rows are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,11 +20,14 @@ pub(crate) enum Format {
     NdJson,
     /// RFC 4180, one header line.
     Csv,
+    /// A Parquet file.
+    Parquet,
 }
 
 impl Format {
     /// What is offered, for refusals.
-    pub(crate) const OFFERED: &'static str = "application/json, text/csv and application/x-ndjson";
+    pub(crate) const OFFERED: &'static str =
+        "application/json, text/csv, application/x-ndjson and application/vnd.apache.parquet";
 
     /// By its short name in a query string.
     pub(crate) fn named(name: &str) -> Option<Self> {
@@ -27,6 +35,7 @@ impl Format {
             "json" => Some(Self::Json),
             "ndjson" => Some(Self::NdJson),
             "csv" => Some(Self::Csv),
+            "parquet" => Some(Self::Parquet),
             _ => None,
         }
     }
@@ -38,6 +47,7 @@ impl Format {
             "application/json" | "application/*" | "*/*" => Some(Self::Json),
             "application/x-ndjson" => Some(Self::NdJson),
             "text/csv" | "text/*" => Some(Self::Csv),
+            "application/vnd.apache.parquet" => Some(Self::Parquet),
             _ => None,
         })
     }
@@ -48,31 +58,29 @@ impl Format {
             Self::Json => "application/json",
             Self::NdJson => "application/x-ndjson",
             Self::Csv => "text/csv; charset=utf-8; header=present",
+            Self::Parquet => "application/vnd.apache.parquet",
         }
     }
 
-    /// What comes before the first row.
-    pub(crate) fn head(self) -> String {
+    /// What comes before the first row of a text.
+    fn head(self) -> String {
         match self {
             Self::Json => "[".into(),
-            Self::NdJson => String::new(),
+            Self::NdJson | Self::Parquet => String::new(),
             Self::Csv => csv_header(),
         }
     }
 
-    /// What comes after the last row.
-    pub(crate) fn tail(self) -> &'static str {
+    /// What comes after the last row of a text.
+    fn tail(self) -> &'static str {
         match self {
             Self::Json => "\n]\n",
-            Self::NdJson | Self::Csv => "",
+            Self::NdJson | Self::Csv | Self::Parquet => "",
         }
     }
 
-    /// Appends a row.
-    ///
-    /// # Errors
-    /// When it cannot be serialised.
-    pub(crate) fn append(self, row: &DatasetRow, first: bool, text: &mut String) -> Result<(), serde_json::Error> {
+    /// Appends a row to a text.
+    fn append(self, row: &DatasetRow, first: bool, text: &mut String) -> Result<(), serde_json::Error> {
         match self {
             Self::Json => {
                 text.push_str(if first { "\n" } else { ",\n" });
@@ -83,8 +91,78 @@ impl Format {
                 text.push('\n');
             }
             Self::Csv => csv_row(row, text)?,
+            Self::Parquet => {}
         }
         Ok(())
+    }
+}
+
+/// Why rows cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum WriteError {
+    #[error("a row cannot be written as text")]
+    Json(#[from] serde_json::Error),
+    #[error("a table cannot be written")]
+    Parquet(#[from] parquet::errors::ParquetError),
+    #[error("rows do not fit their columns")]
+    Arrow(#[from] arrow_schema::ArrowError),
+}
+
+/// A dataset being written: a head, rows in any number of parts, an end.
+pub(crate) enum Writer {
+    /// As text, and whether the next row is the first.
+    Text(Format, bool),
+    /// As a table.
+    Table(Box<TableWriter>),
+}
+
+impl Writer {
+    /// Of a study.
+    ///
+    /// # Errors
+    /// When the head of a table cannot be written.
+    pub(crate) fn new(format: Format, study: StudyId, spec: &StudySpec) -> Result<Self, WriteError> {
+        Ok(match format {
+            Format::Parquet => Self::Table(Box::new(TableWriter::new(study, spec)?)),
+            text => Self::Text(text, true),
+        })
+    }
+
+    /// What comes before the first row.
+    pub(crate) fn head(&self) -> Vec<u8> {
+        match self {
+            Self::Text(format, _) => format.head().into_bytes(),
+            Self::Table(_) => Vec::new(),
+        }
+    }
+
+    /// Takes rows and gives what is to be sent so far: of a table nothing, often.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub(crate) fn rows(&mut self, rows: &[DatasetRow]) -> Result<Vec<u8>, WriteError> {
+        match self {
+            Self::Text(format, first) => {
+                let mut text = String::new();
+                for row in rows {
+                    format.append(row, *first, &mut text)?;
+                    *first = false;
+                }
+                Ok(text.into_bytes())
+            }
+            Self::Table(table) => table.rows(rows),
+        }
+    }
+
+    /// What comes after the last row.
+    ///
+    /// # Errors
+    /// When the end of a table cannot be written.
+    pub(crate) fn end(self) -> Result<Vec<u8>, WriteError> {
+        match self {
+            Self::Text(format, _) => Ok(format.tail().into()),
+            Self::Table(table) => table.end(),
+        }
     }
 }
 
@@ -100,19 +178,16 @@ fn csv_header() -> String {
 
 fn csv_row(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error> {
     text.push_str(&row.sample.to_string());
-    let (outcome, estimates, reason) = match &row.result.outcome {
-        SimulateOutcome::Ok { means: m, scaled: s, .. } => {
-            let estimates = [m.lift_n, m.drag_n, m.pitch_moment_nm, m.power_w, s.lift, s.drag, s.pitch_moment, s.power];
-            ("ok", Some(estimates), "")
-        }
-        SimulateOutcome::Infeasible { reason } => ("infeasible", None, reason.as_str()),
+    let (outcome, reason) = match &row.result.outcome {
+        SimulateOutcome::Ok { .. } => ("ok", ""),
+        SimulateOutcome::Infeasible { reason } => ("infeasible", reason.as_str()),
     };
     text.push(',');
     text.push_str(outcome);
     for value in row.parameters.0 {
         number(value, text)?;
     }
-    match estimates {
+    match estimates(&row.result.outcome) {
         Some(estimates) => {
             for Estimate { mean, se } in estimates {
                 number(mean, text)?;
@@ -127,6 +202,12 @@ fn csv_row(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error>
     }
     text.push_str("\r\n");
     Ok(())
+}
+
+/// The means of a row in the order of their columns: in SI units, then scaled.
+fn estimates(outcome: &SimulateOutcome) -> Option<[Estimate; 8]> {
+    let SimulateOutcome::Ok { means: m, scaled: s, .. } = outcome else { return None };
+    Some([m.lift_n, m.drag_n, m.pitch_moment_nm, m.power_w, s.lift, s.drag, s.pitch_moment, s.power])
 }
 
 /// A number as JSON writes it: the shortest text which reads back as the same number.

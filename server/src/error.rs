@@ -63,7 +63,7 @@ pub enum ApiError {
         seconds: u64,
     },
     /// There is no such route.
-    #[error("there is nothing here; the routes are listed at /openapi.json")]
+    #[error("there is nothing here; the routes are listed at /docs")]
     NoRoute,
     /// There is such a route, but not with this method.
     #[error("this method is not allowed here")]

@@ -20,6 +20,7 @@ mod http;
 mod look;
 mod metrics;
 mod offline;
+mod onnx;
 mod prepare;
 mod rate;
 // The macro which describes routes spells out paths it need not.

@@ -18,8 +18,13 @@ pub struct RecordArgs {
     /// Write the vortex rings of wing and wake at the steps of --wake-steps, as one JSON object.
     #[arg(long, value_name = "FILE.json", help_heading = HEADING)]
     pub wake: Option<PathBuf>,
-    /// Steps whose rings are written: last, all (of the last stroke), or STROKE:STEP with strokes
-    /// from 1 and steps from 0, such as 7:0,7:12,last.
-    #[arg(long, value_name = "LIST", default_value = "last", requires = "wake", help_heading = HEADING)]
-    pub wake_steps: Steps,
+    /// Write wing and wake into this folder for ParaView: two .vtp files for each step of
+    /// --wake-steps, and flight.pvd to open. With --case all a folder in it per case.
+    #[arg(long, value_name = "DIR", help_heading = HEADING)]
+    pub vtk: Option<PathBuf>,
+    /// Steps whose rings are written: last, all (of the last stroke), all/4 (every fourth of them), or
+    /// STROKE:STEP with strokes from 1 and steps from 0, such as 7:0,7:12,last [default: last, and all
+    /// with --vtk].
+    #[arg(long, value_name = "LIST", help_heading = HEADING)]
+    pub wake_steps: Option<Steps>,
 }

@@ -12,7 +12,7 @@ fn the_definition_is_sound() {
 
 #[test]
 fn every_command_has_help_and_needs_no_options() {
-    let lines = "run|serve|worker|study list|study show latest|dataset latest|optimum latest|simulate|report verification|analyse sobol latest|analyse sweep latest|analyse population latest|insects|settings|slot|token list|token create x --scope worker|token revoke x|bench queue|db backup x|db check|db prune --older-than-days 1|workers list|workers drain x|explain 1|doctor";
+    let lines = "run|serve|worker|study list|study show latest|study model latest|figures latest|completions bash|dataset latest|optimum latest|simulate|report verification|analyse sobol latest|analyse sweep latest|analyse population latest|insects|settings|slot|token list|token create x --scope worker|token revoke x|bench queue|db backup x|db check|db prune --older-than-days 1|workers list|workers drain x|explain 1|doctor";
     for line in lines.split('|') {
         assert!(parse(&format!("manduca {line}")).is_ok(), "{line}");
         let error = parse(&format!("manduca {line} --help")).unwrap_err();

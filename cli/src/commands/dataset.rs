@@ -1,27 +1,36 @@
-//! `manduca dataset`.
+//! `manduca dataset` and `manduca study model`.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, IsTerminal, Write, stdout as terminal};
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 
-use crate::args::{DatasetArgs, DatasetFormat};
+use crate::args::{DatasetArgs, DatasetFormat, SurrogateArgs, SurrogateFormat};
+use crate::exit::refused;
 use crate::output::{Output, note};
 
 /// Writes a dataset as it arrives, so that its size does not matter.
 pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
+    let format = format(&args)?;
     let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
-    let media_type = match args.format {
+    let media_type = match format {
         DatasetFormat::Csv => "text/csv",
         DatasetFormat::Json => "application/json",
         DatasetFormat::Ndjson => "application/x-ndjson",
+        DatasetFormat::Parquet => "application/vnd.apache.parquet",
     };
-    let mut response = api.dataset(id, media_type).await?;
+    save(api.part(id, "dataset", media_type).await?, args.output.as_deref()).await?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes an answer as it arrives into a file, or to standard output.
+pub async fn save(mut response: reqwest::Response, path: Option<&Path>) -> Result<()> {
     let mut stdout;
     let mut file;
-    let out: &mut dyn Write = match &args.output {
+    let out: &mut dyn Write = match path {
         Some(path) => {
             file = BufWriter::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?);
             &mut file
@@ -31,12 +40,55 @@ pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
             stdout.writer()
         }
     };
-    while let Some(chunk) = response.chunk().await.context("the dataset broke off")? {
+    while let Some(chunk) = response.chunk().await.context("the answer broke off")? {
         out.write_all(&chunk)?;
     }
     out.flush()?;
-    if let Some(path) = &args.output {
+    if let Some(path) = path {
         note(format_args!("wrote {}", path.display()));
     }
+    Ok(())
+}
+
+/// Writes the surrogate of a study.
+pub async fn model(args: SurrogateArgs) -> Result<ExitCode> {
+    let output = args.output.as_deref();
+    let format = args.format.unwrap_or_else(|| match ending(output).as_str() {
+        "onnx" => SurrogateFormat::Onnx,
+        _ => SurrogateFormat::Json,
+    });
+    let media_type = match format {
+        SurrogateFormat::Json => "application/json",
+        SurrogateFormat::Onnx => "application/onnx",
+    };
+    binary(format == SurrogateFormat::Onnx, output, "net.onnx")?;
+    let api = args.coordinator.api()?;
+    let id = api.find(&args.study).await?;
+    save(api.part(id, "surrogate/model", media_type).await?, output).await?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// As asked, else by the ending of the file.
+fn format(args: &DatasetArgs) -> Result<DatasetFormat> {
+    let output = args.output.as_deref();
+    let format = args.format.unwrap_or_else(|| match ending(output).as_str() {
+        "json" => DatasetFormat::Json,
+        "ndjson" | "jsonl" => DatasetFormat::Ndjson,
+        "parquet" => DatasetFormat::Parquet,
+        _ => DatasetFormat::Csv,
+    });
+    binary(format == DatasetFormat::Parquet, output, "samples.parquet")?;
+    Ok(format)
+}
+
+fn ending(path: Option<&Path>) -> String {
+    path.and_then(Path::extension).map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// Refuses to fill a terminal with bytes which are no text.
+fn binary(is: bool, output: Option<&Path>, such_as: &str) -> Result<()> {
+    if is && output.is_none() && terminal().is_terminal() {
+        return Err(refused(format!("these bytes are no text for a terminal: name a file, such as -o {such_as}")));
+    }
+    Ok(())
 }

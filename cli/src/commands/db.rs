@@ -23,7 +23,10 @@ pub async fn db(command: DbCommand) -> Result<ExitCode> {
 /// Unlike a coordinator, these do not make a database where there is none.
 async fn existing(data: &std::path::Path) -> Result<manduca_server::Offline> {
     if !data.join(DATABASE).is_file() {
-        return Err(refused(format!("there is no database in {}", data.display())));
+        return Err(refused(format!(
+            "there is no database in {}: --data DIR or MANDUCA_DATA names its folder",
+            data.display()
+        )));
     }
     open(data).await
 }

@@ -1,11 +1,13 @@
 //! `manduca insects` and `manduca settings`.
 
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use manduca_numerics::insect::{Insect, PRESETS};
 use manduca_numerics::table::{Field, Table};
 use manduca_numerics::{quasi_steady, uvlm};
+use serde_json::json;
 
 use crate::args::{InsectsArgs, Model, SettingsArgs};
 use crate::exit::refused;
@@ -14,6 +16,15 @@ use crate::output::Output;
 /// The presets, or one of them as a table for a study file.
 pub fn insects(args: &InsectsArgs) -> Result<ExitCode> {
     let mut out = Output::stdout();
+    if args.json {
+        let wanted: Vec<_> = PRESETS.into_iter().filter(|p| args.name.as_deref().is_none_or(|n| n == *p)).collect();
+        if wanted.is_empty() {
+            preset(&mut out, args.name.as_deref().unwrap_or_default())?;
+        }
+        let numbers = |name: &str| -> BTreeMap<_, _> { Insect::preset(name).unwrap_or_default().entries().collect() };
+        out.json(&json!({ "insects": wanted.into_iter().map(|p| (p, numbers(p))).collect::<BTreeMap<_, _>>() }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     match &args.name {
         Some(name) => preset(&mut out, name)?,
         None => {
@@ -60,6 +71,14 @@ pub fn settings(args: &SettingsArgs) -> Result<ExitCode> {
         [f.name.to_owned(), f.default.to_string(), range, f.unit.to_owned(), f.meaning.to_owned()].to_vec()
     };
     let mut out = Output::stdout();
+    if args.json {
+        let object = |f: &Field| {
+            json!({ "name": f.name, "default": f.default, "min": f.min, "max": f.max, "whole": f.whole,
+                    "unit": f.unit, "meaning": f.meaning })
+        };
+        out.json(&json!({ "settings": fields.iter().map(object).collect::<Vec<_>>() }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let header = ["setting", "default", "range", "unit", "meaning"].map(String::from);
     out.table(&header, &fields.iter().map(row).collect::<Vec<_>>())?;
     out.line("Study files take them in [model.solver], `manduca simulate` as options (--steps-per-stroke 96).")?;

@@ -2,10 +2,12 @@
 
 mod analyse;
 mod bench;
+mod completions;
 mod dataset;
 mod db;
 mod doctor;
 mod dry_run;
+mod figures;
 mod host;
 mod lists;
 mod optimise;
@@ -17,6 +19,7 @@ mod serve;
 mod simulate;
 mod study;
 mod token;
+mod vtk;
 mod worker;
 mod workers;
 
@@ -43,10 +46,12 @@ pub async fn dispatch(command: Command) -> Result<ExitCode> {
         Command::Optimise(args) => optimise::optimise(args).await,
         Command::Analyse(command) => analyse::analyse(command).await,
         Command::Dataset(args) => dataset::dataset(args).await,
+        Command::Figures(args) => figures::figures(args).await,
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Bench(command) => bench::bench(&command).await,
         Command::Report(command) => report::report(&command).await,
         Command::Insects(args) => lists::insects(&args),
+        Command::Completions(args) => completions::completions(&args),
         Command::Settings(args) => lists::settings(&args),
         Command::Slot => Ok(manduca_worker::slot::slot_main()),
     }

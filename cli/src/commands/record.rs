@@ -11,6 +11,7 @@ use manduca_protocol::history::{AXES, History, HistoryRow, SENSE, SIDE, WakeHist
 use manduca_protocol::point::ParameterValues;
 use serde::Serialize;
 
+use super::vtk;
 use crate::args::RecordArgs;
 use crate::exit::refused;
 use crate::output::note;
@@ -27,7 +28,10 @@ enum Format {
 #[derive(Debug)]
 pub struct Records {
     history: Option<(PathBuf, Format)>,
-    wake: Option<(PathBuf, Steps)>,
+    wake: Option<PathBuf>,
+    vtk: Option<PathBuf>,
+    /// The steps whose rings are wanted.
+    steps: Steps,
     /// Whether each case has files of its own.
     many: bool,
 }
@@ -40,31 +44,42 @@ impl Records {
             Some(path) if extension(path) != "json" => {
                 return Err(refused(format!("--wake {}: a wake is written as .json", path.display())));
             }
-            Some(path) => Some((path.clone(), args.wake_steps.clone())),
-            None => None,
+            path => path.clone(),
         };
-        Ok(Self { history: history.transpose()?, wake, many })
-    }
-
-    /// The steps whose rings are wanted.
-    fn steps(&self) -> Steps {
-        self.wake.as_ref().map_or_else(Steps::none, |(_, steps)| steps.clone())
+        let vtk = args.vtk.clone();
+        let steps = match &args.wake_steps {
+            Some(_) if wake.is_none() && vtk.is_none() => {
+                return Err(refused("--wake-steps says which steps --wake FILE.json or --vtk DIR writes: give one"));
+            }
+            Some(steps) => steps.clone(),
+            None if vtk.is_some() => Steps::every(1),
+            None if wake.is_some() => Steps::last(),
+            None => Steps::none(),
+        };
+        Ok(Self { history: history.transpose()?, wake, vtk, steps, many })
     }
 
     /// Flies and writes what is to be recorded.
     pub fn fly(&self, simulation: &Simulation, case: &str) -> Result<Result<Means, Infeasible>> {
-        if self.history.is_none() && self.wake.is_none() {
+        if self.history.is_none() && self.wake.is_none() && self.vtk.is_none() {
             return Ok(manduca_numerics::simulation::simulate(simulation));
         }
-        let (flown, recorder) = record(simulation, &self.steps()).map_err(explained)?;
+        let (flown, recorder) = record(simulation, &self.steps).map_err(explained)?;
         let infeasible = flown.as_ref().err().map(ToString::to_string);
         if let Some((path, format)) = &self.history {
             let history = history(simulation, &recorder, infeasible.clone());
             self.write(path, case, |file| write_history(&history, *format, file))?;
         }
-        if let Some((path, _)) = &self.wake {
+        if let Some(path) = &self.wake {
             let wake = wake(simulation, &recorder, infeasible);
             self.write(path, case, |file| write_json(&wake, file))?;
+        }
+        if let Some(folder) = &self.vtk {
+            let folder = if self.many { folder.join(case) } else { folder.clone() };
+            let steps: Vec<_> = recorder.wakes.iter().map(WakeStep::from).collect();
+            let path =
+                vtk::write(&folder, &steps).with_context(|| format!("cannot write into {}", folder.display()))?;
+            note(format_args!("wrote {} of {} steps", path.display(), steps.len()));
         }
         Ok(flown)
     }

@@ -33,7 +33,8 @@ pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
     super::report::write(&args.report, report.await?.context("the document failed")?)
 }
 
-async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
+/// A study with its surrogate and optima, as documents take it.
+pub(super) async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
     let view = api.study(id).await?;
     let surrogate = api.model(id).await?;
     let resolved = resolve::study(&view.spec).map_err(|_| anyhow::anyhow!("the study is of another version"))?;
@@ -73,7 +74,7 @@ async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
 }
 
 async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, String)>> {
-    let dataset = api.dataset(id, "text/csv").await?.bytes().await.context("the dataset broke off")?;
+    let dataset = api.part(id, "dataset", "text/csv").await?.bytes().await.context("the dataset broke off")?;
     let spec = &view.spec;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let facts = [

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::view::{StudyState, StudyView};
 
-use super::dry_run;
+use super::{dataset, dry_run};
 use crate::api::Api;
 use crate::args::{ListArgs, StudyCommand, SubmitArgs, TargetArgs};
 use crate::exit::INTERRUPTED;
@@ -30,6 +30,7 @@ pub async fn dispatch(command: StudyCommand) -> Result<ExitCode> {
         StudyCommand::Resume(args) => act(args, "resume").await,
         StudyCommand::Cancel(args) => act(args, "cancel").await,
         StudyCommand::RetryFailed(args) => act(args, "retry-failed").await,
+        StudyCommand::Model(args) => dataset::model(args).await,
     }
 }
 

@@ -134,13 +134,27 @@ fn every_case_has_files_of_its_own() {
 }
 
 #[test]
+fn a_flight_is_written_for_paraview() {
+    let folder = tempfile::tempdir().unwrap();
+    json(&outcome(folder.path(), &tiny(&["--vtk", "flight", "--wake", "w.json"])));
+    let listed = fs::read_to_string(folder.path().join("flight/flight.pvd")).unwrap();
+    assert_eq!(listed.matches("<DataSet").count(), 2 * 12, "{listed}");
+    // Of both what is asked for: all steps of the last stroke, unless others are chosen.
+    assert_eq!(read(folder.path(), "w.json")["steps"].as_array().unwrap().len(), 12);
+    let wing = fs::read_to_string(folder.path().join("flight/wing-0011.vtp")).unwrap();
+    assert!(wing.contains(r#"NumberOfPoints="24" NumberOfPolys="12""#), "{wing}");
+    assert!(folder.path().join("flight/wake-0000.vtp").is_file());
+}
+
+#[test]
 fn what_cannot_be_recorded_is_refused_before_the_flight() {
     let folder = tempfile::tempdir().unwrap();
     for (more, told) in [
         (&["--wake", "w.json", "--wake-steps", "4:0"][..], "there are strokes 1 to 3"),
         (&["--wake", "w.json", "--wake-steps", "3:12"], "a stroke has steps 0 to 11"),
         (&["--wake", "w.json", "--wake-steps", "seven"], "expected last, all, all/N, or STROKE:STEP"),
-        (&["--wake-steps", "last"], "--wake"),
+        (&["--wake-steps", "last"], "--vtk DIR"),
+        (&["--model", "quasi-steady", "--vtk", "flight"], "no wake"),
         (&["--wake", "w.csv"], "written as .json"),
         (&["--history", "h.xlsx"], ".csv, .json or .ndjson"),
         (&["--model", "quasi-steady", "--wake", "w.json"], "no wake"),

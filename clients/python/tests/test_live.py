@@ -19,9 +19,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_the_views_are_those_of_the_openapi_document(client: manduca.Client) -> None:
+def _schemas(client: manduca.Client) -> dict[str, Any]:
     with urlopen(f"{client.url}/openapi.json") as answer:
         schemas: dict[str, Any] = json.load(answer)["components"]["schemas"]
+    return schemas
+
+
+def test_the_views_are_those_of_the_openapi_document(client: manduca.Client) -> None:
+    schemas = _schemas(client)
     for name in (
         "StudySummary",
         "StudyView",
@@ -62,6 +67,9 @@ def test_the_dataset_is_the_same_in_each_form(study: manduca.Study) -> None:
     for name in manduca.OUTPUTS:
         sent = [row["scaled"][name]["mean"] for row in rows]
         assert frame[name].tolist() == sent == table[name].to_pylist()
+    facts = table.schema.metadata
+    assert facts[b"manduca.study"].decode() == study.id
+    assert json.loads(facts[b"manduca.model"])["kind"] == "quasi-steady"
     units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
     assert units["pitch_moment_nm_se"] == b"N m"
     assert units["power"] == b"1"
@@ -84,6 +92,26 @@ def test_predictions_keep_shape_and_order(study: manduca.Study) -> None:
     assert study.predict(points * 90)[-1] == listed[-1]
     assert len(study.predict(points * 90)) == 90 * len(points) > 1000
     assert study.predict([]) == []
+
+
+def test_a_stroke_is_flown_as_in_the_study(study: manduca.Study, client: manduca.Client) -> None:
+    row = next(study.rows())
+    flown = study.simulate(row["parameters"])
+    assert flown["means"] == row["means"]
+    assert flown["history"][0]["step"] == 0
+    coarse = {"chordwise_panels": 2, "spanwise_panels": 3, "steps_per_stroke": 12, "strokes": 5}
+    lattice = client.simulate(row["parameters"], model={"solver": coarse}, wake="last")
+    assert len(lattice["wake"]) == 1
+    assert lattice["means"] != row["means"]
+    schemas = _schemas(client)
+    assert set(views.SimulationView.__annotations__) >= set(lattice)
+    assert set(views.Wake.__args__) == set(schemas["WakeChoice"]["enum"])  # type: ignore[attr-defined]
+
+
+def test_the_network_can_be_taken(study: manduca.Study) -> None:
+    model = study.model()
+    assert len(model["networks"]) == 1
+    assert b"manduca" in study.onnx()[:100]
 
 
 def test_jobs_and_surrogate(study: manduca.Study) -> None:

@@ -6,12 +6,11 @@ use manduca_numerics::cases::CASES;
 use manduca_numerics::insect::Insect;
 use manduca_numerics::parameters::TABLE;
 use manduca_numerics::refine::off_trim;
-use manduca_numerics::simulation::Moment;
 
 use super::{Found, Optimum, Study};
+use crate::figures;
 use crate::flights::Flight;
 use crate::markdown::{Document, Table, fixed};
-use crate::plot::{Figure, Mark, Panel, Series};
 
 pub(super) fn write(
     study: &Study,
@@ -105,26 +104,11 @@ fn rows(table: &mut Table, name: &str, found: &Found, optimum: &Optimum) {
 fn histories(study: &Study) -> io::Result<(String, String)> {
     let moth = CASES.iter().find(|c| c.name == "reference").map(|c| ("moth as measured".to_owned(), c.parameters));
     let best = study.optima.iter().map(|o| (o.name.clone(), o.refined.unwrap_or(o.first).point));
-    let mut flown: Vec<(String, Vec<Moment>)> = Vec::new();
+    let mut flown: Vec<figures::Flown> = Vec::new();
     for (name, point) in best.chain(moth) {
         let (_, history) =
             Flight::of(point).fly_with_history().map_err(|e| io::Error::other(format!("{name}: {e}")))?;
         flown.push((name, history));
     }
-    let panel = |y: &str, value: &dyn Fn(&Moment) -> f64| {
-        let series = flown
-            .iter()
-            .map(|(name, moments)| Series::new(name.clone(), Mark::Line, moments.iter().map(|m| (m.phase, value(m)))));
-        Panel { x: "time t f, strokes".into(), y: y.into(), series: series.collect() }
-    };
-    let weight = Insect::default().weight_n();
-    let forces = vec![
-        panel("lift L/W", &|m| m.snapshot.lift_n / weight),
-        panel("drag D/W", &|m| m.snapshot.drag_n / weight),
-        panel("required power, mW", &|m| 1e3 * m.snapshot.joints.iter().map(|j| j.required_w).sum::<f64>()),
-    ];
-    let angle = |i: usize| move |m: &Moment| m.snapshot.angles[i].value.to_degrees();
-    let angles =
-        vec![panel("sweep φ, °", &angle(0)), panel("elevation θ, °", &angle(1)), panel("rotation α, °", &angle(2))];
-    Ok((Figure { panels: forces, columns: 3 }.svg()?, Figure { panels: angles, columns: 3 }.svg()?))
+    Ok((figures::forces(&flown, Insect::default().weight_n()).svg()?, figures::angles(&flown).svg()?))
 }

@@ -6,13 +6,14 @@ use std::ops::ControlFlow;
 
 use manduca_numerics::insect::Insect;
 use manduca_numerics::kinematics::{Clearance, ElevationPhase};
-use manduca_numerics::optimise::analysis::{Weight, penalty_sweep, population_sweep};
+use manduca_numerics::optimise::analysis::{PopulationRow, Weight, penalty_sweep, population_sweep};
 use manduca_numerics::optimise::sqp::{Flight, SqpSettings, minimise};
 use manduca_numerics::optimise::{GaSettings, Problem, SimplexSettings};
 
 use super::{Effort, Study};
+use crate::figures;
 use crate::markdown::{Document, Table, fixed, significant};
-use crate::plot::{Figure, Mark, Panel, Series};
+use crate::plot::Figure;
 
 /// Table 3 of the paper: r, fitness, penalty.
 const PAPER: [(f64, f64, f64); 5] =
@@ -25,6 +26,29 @@ pub(super) fn write(
     figures: &mut Vec<(&'static str, String)>,
     tell: &mut dyn FnMut(&str),
 ) -> io::Result<()> {
+    with_problem(study, &mut |problem, power| {
+        penalties(problem, study, effort, power, document, tell)?;
+        tell("sweep of the population");
+        let rows = population_rows(problem, study, effort)?;
+        populations(&rows, effort, power, document, figures)
+    })
+}
+
+/// The sweep of the population alone, as a figure.
+///
+/// # Errors
+/// When a search fails.
+pub(super) fn population(study: &Study, effort: &Effort) -> io::Result<Figure> {
+    let mut figure = None;
+    with_problem(study, &mut |problem, power| {
+        figure = Some(figures::population(&population_rows(problem, study, effort)?, power));
+        Ok(())
+    })?;
+    figure.ok_or_else(|| failed("no search"))
+}
+
+/// Hands on the study's problem as the genetic algorithm sees it, and P+ of its exact optimum.
+fn with_problem(study: &Study, search: &mut dyn FnMut(&Problem<'_>, f64) -> io::Result<()>) -> io::Result<()> {
     let clearance = Clearance::new(&Insect::default(), ElevationPhase::Plus);
     let problem = Problem {
         predict: &|points, values| study.surrogate.predict_into(points, values),
@@ -38,11 +62,21 @@ pub(super) fn write(
         Flight { surrogate: &study.surrogate, clearance: Some(&clearance), margin_m: 0.0, bounds: study.bounds };
     let how = SqpSettings { seed: study.seed, ..SqpSettings::default() };
     let exact = minimise(&flight, &how, &mut |_| ControlFlow::Continue(())).map_err(failed)?;
-    let power = exact.best().outputs[3];
+    search(&problem, exact.best().outputs[3])
+}
+
+fn penalties(
+    problem: &Problem<'_>,
+    study: &Study,
+    effort: &Effort,
+    power: f64,
+    document: &mut Document,
+    tell: &mut dyn FnMut(&str),
+) -> io::Result<()> {
     let ga = GaSettings { population: effort.population, generations: 100, seed: study.seed, ..GaSettings::default() };
     tell("sweep of the penalty");
     let weights = PAPER.map(|row| row.0);
-    let rows = penalty_sweep(&problem, &ga, &SimplexSettings::default(), (Weight::Trim, &weights), power);
+    let rows = penalty_sweep(problem, &ga, &SimplexSettings::default(), (Weight::Trim, &weights), power);
     document.heading("The penalty (Table 3)");
     document.paragraph(&format!(
         "Genetic algorithm, {} individuals, 100 generations, then simplex, on all ten parameters. The exact optimum of \
@@ -64,23 +98,23 @@ pub(super) fn write(
         ]);
     }
     document.table(&table);
-    populations(&problem, study, effort, power, document, figures, tell)
+    Ok(())
+}
+
+/// What the genetic algorithm finds with each population.
+fn population_rows(problem: &Problem<'_>, study: &Study, effort: &Effort) -> io::Result<Vec<PopulationRow>> {
+    let seeds: Vec<u64> = (0..effort.runs).map(|i| study.seed.wrapping_add(i)).collect();
+    let ga = GaSettings { generations: 100, ..GaSettings::default() };
+    population_sweep(problem, &ga, &SimplexSettings::default(), &effort.populations, &seeds).map_err(failed)
 }
 
 fn populations(
-    problem: &Problem<'_>,
-    study: &Study,
+    rows: &[PopulationRow],
     effort: &Effort,
     power: f64,
     document: &mut Document,
     figures: &mut Vec<(&'static str, String)>,
-    tell: &mut dyn FnMut(&str),
 ) -> io::Result<()> {
-    tell("sweep of the population");
-    let seeds: Vec<u64> = (0..effort.runs).map(|i| study.seed.wrapping_add(i)).collect();
-    let ga = GaSettings { generations: 100, ..GaSettings::default() };
-    let rows = population_sweep(problem, &ga, &SimplexSettings::default(), &effort.populations, &seeds);
-    let rows = rows.map_err(failed)?;
     document.heading("The population (Fig. 7)");
     document.paragraph(&format!(
         "Fitness after 100 generations and the simplex, {} runs each from their own seeds; the exact optimum is {}.",
@@ -88,22 +122,14 @@ fn populations(
         fixed(power, 6)
     ));
     let mut table = Table::new(["population", "least", "mean", "most"]);
-    for row in &rows {
+    for row in rows {
         let (least, most) =
             row.fitnesses.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), f| (l.min(*f), m.max(*f)));
         let mean = row.fitnesses.iter().sum::<f64>() / row.fitnesses.len() as f64;
         table.row([row.population.to_string(), fixed(least, 4), fixed(mean, 4), fixed(most, 4)]);
     }
     document.table(&table);
-    let digits = |n: usize| manduca_numerics::math::ln(n as f64) / std::f64::consts::LN_10;
-    let points = rows.iter().flat_map(|row| row.fitnesses.iter().map(|f| (digits(row.population), *f)));
-    let ends = rows.iter().map(|row| (digits(row.population), power));
-    let series = vec![
-        Series::new("genetic algorithm and simplex", Mark::Points, points),
-        Series::new("exact optimum", Mark::Dashed, ends),
-    ];
-    let panel = Panel { x: "log10 of population".into(), y: "fitness".into(), series };
-    figures.push(("population.svg", Figure { panels: vec![panel], columns: 1 }.svg()?));
+    figures.push(("population.svg", figures::population(rows, power).svg()?));
     document.figure("figures/population.svg", "Fitness found against the size of the population");
     Ok(())
 }

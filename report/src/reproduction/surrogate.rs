@@ -3,8 +3,8 @@
 use std::io;
 
 use super::Study;
+use crate::figures;
 use crate::markdown::{Document, Table, significant};
-use crate::plot::{Figure, Mark, Panel, Series};
 
 /// Root mean square errors the paper found on 100 new simulations, of L, D, M, P.
 const PAPER: [f64; 4] = [0.024, 0.023, 0.027, 0.029];
@@ -29,16 +29,8 @@ pub(super) fn write(
          by features, method and number of samples, are printed by `manduca bench accuracy`.",
     );
     // A gaussian process has no iterations to draw.
-    if study.curve.is_empty() {
-        return Ok(());
-    }
-    let curve = |label: &str, share: usize| {
-        let points = study.curve.iter().map(|e| (e[0], manduca_numerics::math::ln(e[share]) / std::f64::consts::LN_10));
-        Series::new(label, Mark::Line, points)
-    };
-    let series = vec![curve("training", 1), curve("validation", 2), curve("test", 3)];
-    let panel = Panel { x: "iteration".into(), y: "log10 of mean squared error".into(), series };
-    figures.push(("training.svg", Figure { panels: vec![panel], columns: 1 }.svg()?));
+    let Some(training) = figures::training(&study.curve) else { return Ok(()) };
+    figures.push(("training.svg", training.svg()?));
     document.figure("figures/training.svg", "Mean squared errors while the network is trained");
     document.paragraph(
         "The paper's best validation error came at iteration 105: 9.7e-5 training, 1.0e-3 validation, 1.3e-3 test.",

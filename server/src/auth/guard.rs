@@ -32,7 +32,7 @@ fn required(method: &Method, path: &str) -> Option<Scope> {
     let reads = method == Method::GET || method == Method::HEAD;
     let mut parts = path.trim_start_matches('/').split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
-        (Some("healthz" | "readyz" | "openapi.json"), None, ..) if reads => None,
+        (Some("healthz" | "readyz" | "openapi.json" | "docs"), None, ..) | (Some("docs"), ..) if reads => None,
         // The page itself is the same for everybody; what it shows is not.
         (Some(""), None, ..) | (Some("assets"), Some(_), ..) if reads => None,
         (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
@@ -75,6 +75,9 @@ mod tests {
             (&get, "/assets/main.js", None),
             (&post, "/assets/main.js", Some(Scope::Submit)),
             (&get, "/v1/events", Some(Scope::Read)),
+            (&get, "/docs", None),
+            (&get, "/docs/start.js", None),
+            (&post, "/docs", Some(Scope::Submit)),
             (&post, "/healthz", Some(Scope::Submit)),
             (&get, "/healthz/x", Some(Scope::Read)),
             (&get, "/metrics", Some(Scope::Read)),

@@ -11,15 +11,16 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::Problem;
 use manduca_protocol::view::DatasetRow;
 use serde::Deserialize;
+use tokio::task::spawn_blocking;
 use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::dataset::Format;
+use crate::dataset::{Format, WriteError, Writer};
 use crate::error::{ApiError, chain};
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{Store, StoreError};
+use crate::store::{SampleRow, Store, StoreError};
 
 /// Rows read and sent at once: what a slow client keeps in memory here.
 const CHUNK: u32 = 500;
@@ -32,7 +33,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct DatasetParams {
-    /// `json`, `ndjson` or `csv`; the Accept header decides where left out.
+    /// `json`, `ndjson`, `csv` or `parquet`; the Accept header decides where left out.
     format: Option<String>,
 }
 
@@ -44,6 +45,7 @@ struct DatasetParams {
             (Vec<DatasetRow> = "application/json"),
             (DatasetRow = "application/x-ndjson"),
             (String = "text/csv"),
+            (String = "application/vnd.apache.parquet"),
         )),
         (status = 400, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
@@ -56,15 +58,16 @@ async fn dataset(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let format = format(params.format.as_deref(), &headers)?;
-    let study = state.store().study_number(study).await?;
-    let rows = Rows { store: state.store().clone(), study, format, after: -1, ended: false, said: VecDeque::new() };
-    let body = Body::from_stream(stream::try_unfold(rows.begun(), Rows::next));
+    let head = state.store().study_head(study).await?;
+    let writer = Writer::new(format, study, &head.spec).map_err(|e| ApiError::Internal(Box::new(e)))?;
+    let rows = Rows::new(state.store().clone(), head.study, writer);
+    let body = Body::from_stream(stream::try_unfold(rows, Rows::next));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
 }
 
 fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> {
     if let Some(name) = asked {
-        let refused = || ApiError::query("/format", format!("`{name}` is none of json, ndjson and csv"));
+        let refused = || ApiError::query("/format", format!("`{name}` is none of json, ndjson, csv and parquet"));
         return Format::named(name).ok_or_else(refused);
     }
     let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
@@ -76,27 +79,26 @@ fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> 
 struct Rows {
     store: Store,
     study: i64,
-    format: Format,
+    writer: Option<Writer>,
     after: i64,
-    ended: bool,
-    said: VecDeque<String>,
+    said: VecDeque<Vec<u8>>,
 }
 
 impl Rows {
-    fn begun(mut self) -> Self {
-        self.said.push_back(self.format.head());
-        self
+    fn new(store: Store, study: i64, writer: Writer) -> Self {
+        let said = VecDeque::from([writer.head()]);
+        Self { store, study, writer: Some(writer), after: -1, said }
     }
 
-    async fn next(mut self) -> Result<Option<(String, Self)>, StoreError> {
+    async fn next(mut self) -> Result<Option<(Vec<u8>, Self)>, StoreError> {
         loop {
-            if let Some(text) = self.said.pop_front() {
-                return Ok(Some((text, self)));
+            match self.said.pop_front() {
+                Some(part) if part.is_empty() => continue,
+                Some(part) => return Ok(Some((part, self))),
+                None => {}
             }
-            if self.ended {
-                return Ok(None);
-            }
-            let read = self.read().await;
+            let Some(writer) = self.writer.take() else { return Ok(None) };
+            let read = self.read(writer).await;
             if let Err(error) = &read {
                 // The status is long sent: the broken-off body is all the client sees.
                 tracing::error!(error.cause = %chain(error), "A dataset broke off");
@@ -105,23 +107,23 @@ impl Rows {
         }
     }
 
-    async fn read(&mut self) -> Result<(), StoreError> {
+    async fn read(&mut self, mut writer: Writer) -> Result<(), StoreError> {
         let rows = self.store.samples_after(self.study, self.after, CHUNK).await?;
-        let Some(last) = rows.last() else {
-            self.ended = true;
-            self.said.push_back(self.format.tail().to_owned());
-            return Ok(());
-        };
-        let mut first = self.after < 0;
-        self.after = last.ordinal;
-        let mut text = String::new();
-        for row in rows {
-            let row = row.parse()?;
-            let appended = self.format.append(&row, first, &mut text);
-            appended.map_err(|e| StoreError::Corrupt(e.to_string()))?;
-            first = false;
-        }
-        self.said.push_back(text);
+        let last = rows.last().map(|row| row.ordinal);
+        // Not on the threads which serve: rows are unpacked, parsed and written again.
+        let written = spawn_blocking(move || {
+            let rows = rows.into_iter().map(SampleRow::parse).collect::<Result<Vec<_>, _>>()?;
+            let corrupt = |e: WriteError| StoreError::Corrupt(chain(&e));
+            if last.is_none() {
+                return Ok::<_, StoreError>((writer.end().map_err(corrupt)?, None));
+            }
+            let part = writer.rows(&rows).map_err(corrupt)?;
+            Ok((part, Some(writer)))
+        });
+        let (part, writer) = written.await.map_err(|e| StoreError::Corrupt(e.to_string()))??;
+        self.after = last.unwrap_or(self.after);
+        self.writer = writer;
+        self.said.push_back(part);
         Ok(())
     }
 }

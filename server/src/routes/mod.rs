@@ -2,6 +2,7 @@
 
 mod control;
 mod dataset;
+pub(crate) mod docs;
 mod events;
 mod exchange;
 mod health;
@@ -24,7 +25,7 @@ use crate::state::AppState;
 
 /// All documented routes: what is served and what `/openapi.json` says come from
 /// the same list.
-pub(crate) fn all() -> OpenApiRouter<AppState> {
+fn all() -> OpenApiRouter<AppState> {
     openapi::described()
         .merge(submit::router())
         .merge(studies::router())
@@ -43,7 +44,14 @@ pub(crate) fn all() -> OpenApiRouter<AppState> {
         .merge(health::router())
 }
 
+/// All routes, and the OpenAPI document of them.
+pub(crate) fn described() -> (axum::Router<AppState>, utoipa::openapi::OpenApi) {
+    let (router, mut document) = all().split_for_parts();
+    openapi::complete(&mut document);
+    (router, document)
+}
+
 /// The OpenAPI document of all routes.
 pub fn document() -> utoipa::openapi::OpenApi {
-    all().split_for_parts().1
+    described().1
 }

@@ -62,7 +62,10 @@ async fn find(state: &AppState, study: StudyId, name: &str) -> Result<OptimumVie
 ///
 /// The same optimisation asked for again is found, not repeated.
 #[utoipa::path(post, path = "/v1/studies/{study}/optimisations", tag = "studies",
-    params(("study" = StudyId, Path)), request_body = OptimisationSpec,
+    params(("study" = StudyId, Path)),
+    request_body(content = OptimisationSpec, example = json!({
+        "name": "case-II", "parameters": { "stroke_plane_deg": 15.0, "elevation_amplitude_deg": [0.0, 7.0] },
+    })),
     responses(
         (status = 201, body = OptimumView, headers(("Location" = String))),
         (status = 200, description = "Asked for before", body = OptimumView),

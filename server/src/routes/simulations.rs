@@ -24,7 +24,12 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 ///
 /// Nothing is stored and no worker is needed. Its means are those a sample of a study with the same model and
 /// parameters has, bit for bit. One stroke flies at a time; when too many wait, 429 says when to come again.
-#[utoipa::path(post, path = "/v1/simulations", tag = "simulations", request_body = SimulationRequest,
+#[utoipa::path(post, path = "/v1/simulations", tag = "simulations", 
+    request_body(content = SimulationRequest, example = json!({ "wake": "last", "parameters": {
+        "frequency_hz": 25.3, "stroke_plane_deg": 0.9, "sweep_mean_deg": -4.2, "elevation_mean_deg": 15.8,
+        "rotation_mean_deg": 1.0, "sweep_amplitude_deg": 60.0, "elevation_amplitude_deg": 0.0,
+        "rotation_amplitude_deg": 60.0, "sweep_shape": 0.0, "rotation_shape": 1.0,
+    } })),
     responses(
         (status = 200, body = SimulationView),
         (status = 400, body = Problem, content_type = "application/problem+json"),

@@ -2,21 +2,29 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse, Response};
+use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::task::{Scaled, SurrogateMessage};
 use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
 use manduca_protocol::{network, resolve};
+use serde::Deserialize;
+use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
-use crate::http::parts::Id;
+use crate::http::parts::{Id, Params};
+use crate::onnx;
 use crate::prepare::running;
 use crate::state::AppState;
 use crate::store::StoreError;
 
+/// Media type of an ONNX model.
+const ONNX: &str = "application/onnx";
 /// Most points of one request.
 const MOST_POINTS: usize = 1000;
 const NOT_YET: ApiError = ApiError::NotYet("the study has no network yet");
@@ -39,20 +47,70 @@ async fn show(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<J
     under_way.map(|at| Json(running(*at))).ok_or(NOT_YET)
 }
 
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ModelParams {
+    /// `json` or `onnx`; the Accept header decides where left out.
+    format: Option<String>,
+}
+
 /// The surrogate itself, with all its numbers: what asks more of it than predictions computes with it elsewhere.
+///
+/// As ONNX (opset 17, double precision) it is the whole function: a table `parameters` of the ten parameters, a row
+/// per stroke in the order of the schema, to a table `means` of L+, D+, M+, P+. A gaussian process has no such form.
 #[utoipa::path(get, path = "/v1/studies/{study}/surrogate/model", tag = "studies", params(("study" = StudyId, Path)),
     responses(
-        (status = 200, body = SurrogateMessage),
+        (status = 200, content((SurrogateMessage = "application/json"), (String = "application/onnx"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 406, body = Problem, content_type = "application/problem+json"),
     ))]
-async fn model(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<SurrogateMessage>, ApiError> {
-    let study = state.store().study_number(study).await?;
-    Ok(Json(state.store().training_of(study).await?.ok_or(NOT_YET)?.surrogate))
+async fn model(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    Params(params): Params<ModelParams>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let as_onnx = as_onnx(params.format.as_deref(), &headers)?;
+    let head = state.store().study_head(study).await?;
+    let message = state.store().training_of(head.study).await?.ok_or(NOT_YET)?.surrogate;
+    if !as_onnx {
+        return Ok(Json(message).into_response());
+    }
+    let surrogate = network::surrogate(&message).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
+    let facts = [("study", study.to_string()), ("solver_version", SOLVER_VERSION.to_owned())];
+    let none = ApiError::NotAcceptable { offered: "application/json alone: a gaussian process has no ONNX form here" };
+    let file = onnx::model(&surrogate, &head.spec.name, &facts).ok_or(none)?;
+    Ok(([(header::CONTENT_TYPE, ONNX)], file).into_response())
+}
+
+/// Which of the two forms is asked for.
+fn as_onnx(asked: Option<&str>, headers: &HeaderMap) -> Result<bool, ApiError> {
+    match asked {
+        Some("json") => return Ok(false),
+        Some("onnx") => return Ok(true),
+        Some(other) => return Err(ApiError::query("/format", format!("`{other}` is neither json nor onnx"))),
+        None => {}
+    }
+    let Some(accept) = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()) else { return Ok(false) };
+    let ranges = accept.split(',').map(|range| range.split(';').next().unwrap_or_default().trim());
+    let mut known = ranges.filter_map(|range| match range {
+        "application/json" | "application/*" | "*/*" => Some(false),
+        ONNX => Some(true),
+        _ => None,
+    });
+    known.next().ok_or(ApiError::NotAcceptable { offered: "application/json and application/onnx" })
 }
 
 /// What the network predicts for strokes.
 #[utoipa::path(post, path = "/v1/studies/{study}/surrogate/predictions", tag = "studies",
-    params(("study" = StudyId, Path)), request_body = PredictionRequest,
+    params(("study" = StudyId, Path)), 
+    request_body(content = PredictionRequest, example = json!({ "points": [{
+        "frequency_hz": 25.3, "stroke_plane_deg": 0.9, "sweep_mean_deg": -4.2, "elevation_mean_deg": 15.8,
+        "rotation_mean_deg": 1.0, "sweep_amplitude_deg": 60.0, "elevation_amplitude_deg": 0.0,
+        "rotation_amplitude_deg": 60.0, "sweep_shape": 0.0, "rotation_shape": 1.0,
+    }] })),
     responses(
         (status = 200, body = PredictionResponse),
         (status = 400, body = Problem, content_type = "application/problem+json"),

@@ -56,6 +56,7 @@ pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
 pub(crate) use names::{Condition, kind_of, role_name, state_name};
+pub(crate) use read_dataset::SampleRow;
 pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use read_studies::StudyHead;

@@ -34,7 +34,7 @@ async fn without_a_valid_token_nothing_but_health_is_told() {
             answer.problem(401, "unauthenticated");
             assert_eq!(answer.header("www-authenticate"), "Bearer");
         }
-        for path in ["/healthz", "/readyz", "/openapi.json"] {
+        for path in ["/healthz", "/readyz", "/openapi.json", "/docs"] {
             assert_eq!(ask(&bench, "GET", path, token, String::new()).await.status, 200);
         }
     }

@@ -1,7 +1,12 @@
 //! The dataset in its formats.
 
+use arrow_array::RecordBatch;
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float64Type, Int64Type};
+use arrow_schema::DataType;
 use axum::body::Body;
 use axum::http::Request;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use serde_json::{Value, json};
 
 use super::answers::{completion, infeasible, result, study};
@@ -57,11 +62,51 @@ async fn the_same_study_flown_elsewhere_gives_the_same_bytes() {
     }
 }
 
+/// Every number of the table is that of the CSV, to the last bit; texts are texts.
+#[tokio::test]
+async fn a_table_says_what_the_text_says_with_units_and_provenance() {
+    let (bench, study) = flown(false).await;
+    let request = Request::get(format!("{study}/dataset")).header("accept", "application/vnd.apache.parquet");
+    let answer = bench.send(request.body(Body::empty()).expect("a request")).await;
+    assert_eq!(answer.header("content-type"), "application/vnd.apache.parquet");
+    let reader = ParquetRecordBatchReaderBuilder::try_new(answer.body).expect("a table");
+    let (schema, file) = (reader.schema().clone(), reader.metadata().file_metadata().clone());
+    let batches: Vec<_> = reader.build().expect("reads").collect::<Result<_, _>>().expect("batches");
+    let csv = bench.get(&format!("{study}/dataset?format=csv")).await.body;
+    let text = String::from_utf8(csv.to_vec()).expect("text");
+    let mut lines = text.split_terminator("\r\n").map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().expect("a header");
+    assert_eq!(schema.fields().iter().map(|f| f.name().as_str()).collect::<Vec<_>>(), names);
+    assert_eq!(batches.iter().map(RecordBatch::num_rows).sum::<usize>(), 20);
+    for (row, line) in lines.enumerate() {
+        for (column, cell) in batches[0].columns().iter().zip(line) {
+            match column.data_type() {
+                DataType::Float64 if cell.is_empty() => assert!(column.is_null(row)),
+                DataType::Float64 => {
+                    assert_eq!(column.as_primitive::<Float64Type>().value(row), cell.parse::<f64>().expect("a number"));
+                }
+                DataType::Int64 => assert_eq!(column.as_primitive::<Int64Type>().value(row).to_string(), cell),
+                _ if column.is_null(row) => assert_eq!(cell, ""),
+                _ => assert_eq!(column.as_string::<i32>().value(row), cell),
+            }
+        }
+    }
+    let unit = |name: &str| schema.field_with_name(name).expect("a column").metadata()["unit"].clone();
+    assert_eq!(["frequency_hz", "sweep_shape", "pitch_moment_nm_se", "lift"].map(unit), ["Hz", "1", "N m", "1"]);
+    let facts: Vec<_> = file.key_value_metadata().cloned().unwrap_or_default();
+    let fact = |key: &str| facts.iter().find(|f| f.key == format!("manduca.{key}")).and_then(|f| f.value.clone());
+    assert!(fact("study").is_some_and(|id| study.ends_with(&id)) && fact("model").is_some_and(|m| m.contains("uvlm")));
+    assert_eq!((fact("seed").as_deref(), fact("rows").as_deref()), (Some("5"), Some("20")));
+    assert_eq!(fact("dataset_blake3"), Some(blake3::hash(&csv).to_hex().to_string()));
+}
+
 #[tokio::test]
 async fn other_formats_are_refused() {
     let bench = Bench::open().await;
     let study = bench.submit(&study(20, &[])).await;
     assert_eq!(bench.get(&format!("{study}/dataset")).await.json(), json!([]));
+    let empty = bench.get(&format!("{study}/dataset?format=parquet")).await;
+    assert!(ParquetRecordBatchReaderBuilder::try_new(empty.body).is_ok_and(|r| r.schema().fields().len() == 30));
     let pointers = bench.get(&format!("{study}/dataset?format=xml")).await.problem(400, "invalid-query");
     assert_eq!(pointers, ["/format"]);
     let request = Request::get(format!("{study}/dataset")).header("accept", "image/png").body(Body::empty());

@@ -152,7 +152,30 @@ async fn the_document_lists_the_routes() {
             assert!(operation["responses"].as_object().is_some_and(|r| !r.is_empty()), "{method} {path}");
         }
     }
+    for status in ["401", "403", "413", "503"] {
+        let refusal = &paths["/v1/studies"]["post"]["responses"][status]["content"]["application/problem+json"];
+        assert_eq!(refusal["schema"]["$ref"], "#/components/schemas/Problem", "{status}");
+    }
+    assert_eq!(document["components"]["securitySchemes"]["token"]["scheme"], "bearer");
     for schema in ["Problem", "StudySpec", "StudyView", "ExchangeRequest", "Task", "DatasetRow"] {
         assert!(document["components"]["schemas"][schema].is_object(), "{schema}");
     }
+}
+
+/// The page asks nobody else for anything.
+#[tokio::test]
+async fn the_page_of_the_routes_is_whole() {
+    let bench = Bench::open().await;
+    let page = bench.get("/docs").await;
+    assert!(page.header("content-type").starts_with("text/html"));
+    let text = String::from_utf8(page.body.to_vec()).expect("text");
+    let parts: Vec<_> = text.split(['"']).filter(|part| part.starts_with("docs/")).collect();
+    assert_eq!(parts.len(), 3, "{text}");
+    for part in parts {
+        let answer = bench.get(&format!("/{part}")).await;
+        assert_eq!(answer.status, 200, "{part}");
+        assert!(answer.header("content-type").starts_with("text/") && !answer.body.is_empty(), "{part}");
+        assert_eq!(answer.header("content-encoding") == "gzip", answer.body.starts_with(&[0x1f, 0x8b]), "{part}");
+    }
+    assert!(!text.contains("http"), "{text}");
 }

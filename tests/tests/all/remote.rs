@@ -62,6 +62,21 @@ fn a_study_is_submitted_watched_and_fetched_from_the_command_line() {
     assert_eq!(json, coordinator.dataset(&id, "application/json"));
     assert_eq!(printed(&coordinator, &["dataset", "latest", "--output", "data.csv"]), "");
     assert_eq!(std::fs::read_to_string(coordinator.folder().join("data.csv")).unwrap(), csv);
+    assert_eq!(printed(&coordinator, &["dataset", "latest", "-o", "data.parquet"]), "");
+    assert_eq!(printed(&coordinator, &["study", "model", "latest", "-o", "net.onnx"]), "");
+    let model = printed(&coordinator, &["study", "model", "latest"]);
+    assert_eq!(model, coordinator.ask(&format!("/v1/studies/{id}/surrogate/model")).body);
+    let begins = |name: &str| std::fs::read(coordinator.folder().join(name)).unwrap()[..4].to_vec();
+    assert_eq!((begins("data.parquet"), begins("net.onnx")), (b"PAR1".to_vec(), vec![8, 8, 18, 7]));
+    let drawn = object(&coordinator, &["figures", "latest", "--output", "figures", "--scale", "0.5"]);
+    for name in ["training", "agreement", "distributions", "forces", "angles", "tip-paths"] {
+        let (png, svg) = (format!("figures/{name}.png"), format!("figures/{name}.svg"));
+        assert!(
+            drawn["files"].as_array().is_some_and(|f| f.contains(&json!(png)) && f.contains(&json!(svg))),
+            "{drawn}"
+        );
+        assert!(begins(&png) == [0x89, b'P', b'N', b'G'] && begins(&svg) == *b"<svg", "{name}");
+    }
     let table = printed(&coordinator, &["optimum", "latest"]);
     assert!(table.contains("frequency_hz") && table.contains("free"), "{table}");
 }

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from manduca._http import Transport
-from manduca.study import Study, pages
+from manduca.study import Study, fly, pages
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from manduca.views import DryRun, StudyState, StudySummary, WorkerView
+    from manduca.views import DryRun, Parameters, SimulationView, StudyState, StudySummary, Wake, WorkerView
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
@@ -75,6 +75,16 @@ class Client:
         """List the workers of the last hours, and whether they are alive."""
         answer: list[WorkerView] = self._transport.get("/v1/workers")
         return answer
+
+    def simulate(
+        self, parameters: Parameters, *, model: Mapping[str, Any] | None = None, wake: Wake | None = None
+    ) -> SimulationView:
+        """Fly one stroke while you wait: its means, and every step of its last stroke in `history`.
+
+        `model` is as in a study, the default model without it; `wake` asks for the vortex rings of
+        the `last` step, or of some steps of the last `stroke`. Nothing is stored.
+        """
+        return fly(self._transport, parameters, wake, model=model)
 
     def __repr__(self) -> str:
         """Tell the address, never the token."""

@@ -31,7 +31,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from manduca._http import Transport
-    from manduca.views import JobKind, JobState, JobView, Method, Scaled, StudyView, SurrogateView
+    from manduca.views import (
+        JobKind,
+        JobState,
+        JobView,
+        Method,
+        Scaled,
+        SimulationView,
+        StudyView,
+        SurrogateView,
+        Wake,
+    )
 
 _MOST_POINTS = 1000
 _OUTAGE_S = 60.0
@@ -139,8 +149,12 @@ class Study:
             return dataset.frame(answer)
 
     def dataset_arrow(self) -> pa.Table:
-        """Take the samples so far as an Arrow table, each column's `unit` in its metadata. Needs pyarrow."""
-        with self._transport.stream(f"{self._path}/dataset", "text/csv") as answer:
+        """Take the samples so far as an Arrow table. Needs pyarrow.
+
+        Each column has its `unit` in its metadata, and the table the study, its seed, its model and the
+        solver's version in `table.schema.metadata`.
+        """
+        with self._transport.stream(f"{self._path}/dataset", "application/vnd.apache.parquet") as answer:
             return dataset.table(answer)
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -181,6 +195,25 @@ class Study:
             found += self._transport.call("POST", f"{self._path}/surrogate/predictions", body)["predictions"]
         return found
 
+    def simulate(self, parameters: Mapping[str, float], *, wake: Wake | None = None) -> SimulationView:
+        """Fly one stroke with the model of this study while you wait; see `Client.simulate`.
+
+        Flown with the parameters of a sample it has the sample's means, to the last bit.
+        """
+        return fly(self._transport, parameters, wake, study=self.id)
+
+    def model(self) -> dict[str, Any]:
+        """Take the surrogate itself: its frame, and all numbers of its networks or gaussian process."""
+        return cast("dict[str, Any]", self._transport.get(f"{self._path}/surrogate/model"))
+
+    def onnx(self) -> bytes:
+        """Take the surrogate as an ONNX model, from `parameters` to `means`, rows of doubles both.
+
+        Not of a gaussian process, which has no such form: that is a `ProblemError`.
+        """
+        with self._transport.stream(f"{self._path}/surrogate/model", "application/onnx") as answer:
+            return answer.read()
+
     def optima(self) -> list[Optimum]:
         """Read every optimum found so far."""
         found = self._transport.get(f"{self._path}/optimum")["optimisations"]
@@ -218,6 +251,14 @@ class Study:
         if parameters:
             body["parameters"] = dict(parameters)
         return cast("dict[str, Any]", self._transport.call("POST", f"{self._path}/optimisations", body))
+
+
+def fly(
+    transport: Transport, parameters: Mapping[str, float], wake: Wake | None, **source: Any
+) -> SimulationView:
+    """Have one stroke flown; `source` is a study or a model."""
+    body = {"parameters": dict(parameters), "wake": wake, **source}
+    return cast("SimulationView", transport.call("POST", "/v1/simulations", body))
 
 
 def pages(transport: Transport, path: str, **query: Any) -> Iterator[Any]:

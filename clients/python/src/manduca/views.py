@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, NotRequired, TypedDict
 
 PARAMETERS = (
     "frequency_hz",
@@ -38,6 +38,7 @@ StudyState = Literal[
 JobState = Literal["ready", "delayed", "leased", "succeeded", "infeasible", "dead", "cancelled"]
 JobKind = Literal["simulate", "train", "optimise", "search"]
 Method = Literal["sqp", "paper", "direct"]
+Wake = Literal["last", "stroke"]
 Parameters = dict[str, float]
 
 
@@ -156,6 +157,27 @@ class SurrogateView(TypedDict):
     train: dict[str, Any] | None
     validation: dict[str, Any] | None
     test: dict[str, Any] | None
+
+
+class SimulationView(TypedDict):
+    """A stroke flown: its means as in a sample, its last stroke step by step, the vortex rings asked for."""
+
+    parameters: Parameters
+    model: dict[str, Any]
+    solver_version: str
+    outcome: Literal["ok", "infeasible"]
+    reason: NotRequired[str]
+    means: NotRequired[dict[str, Estimate]]
+    scaled: NotRequired[ScaledEstimates]
+    joints: NotRequired[dict[str, dict[str, float]]]
+    power_per_lift_w_per_n: NotRequired[float | None]
+    strokes_averaged: NotRequired[int]
+    strokes_dropped: int
+    history: list[dict[str, float]]
+    axes: str
+    side: str
+    circulation: str
+    wake: list[dict[str, Any]]
 
 
 class OptimumResult(TypedDict, total=False):
