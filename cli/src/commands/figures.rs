@@ -80,7 +80,7 @@ fn drawn(known: &Known, population: bool) -> Result<Vec<(&'static str, Figure)>>
     }
     add("agreement", figures::agreement(&known.samples));
     add("distributions", figures::distributions(&known.samples));
-    let histories: Vec<_> = known.view.optimisations.iter().filter_map(|o| refined(o)).collect();
+    let histories: Vec<_> = known.view.optimisations.iter().filter_map(refined).collect();
     add("refining", figures::refining(&histories));
     note("flying the optima");
     let flown = flown(known);

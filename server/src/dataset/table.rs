@@ -124,7 +124,7 @@ fn schema() -> Schema {
 
 fn batch(schema: &SchemaRef, rows: &[DatasetRow]) -> Result<RecordBatch, WriteError> {
     let floats = |values: Vec<Option<f64>>| -> ArrayRef { Arc::new(Float64Array::from(values)) };
-    let samples: Vec<i64> = rows.iter().map(|row| i64::try_from(row.sample).unwrap_or(i64::MAX)).collect();
+    let samples: Vec<i64> = rows.iter().map(|row| i64::from(row.sample)).collect();
     let outcome = |row: &DatasetRow| match row.result.outcome {
         SimulateOutcome::Ok { .. } => "ok",
         SimulateOutcome::Infeasible { .. } => "infeasible",
