@@ -20,7 +20,8 @@ struct Held {
 #[derive(Debug, Default)]
 pub(super) struct Witness {
     held: HashMap<JobId, Held>,
-    attempts: HashMap<JobId, u32>,
+    /// The last lease of each job: its attempt, and to whom.
+    attempts: HashMap<JobId, (u32, String)>,
     /// Jobs whose result was acknowledged.
     pub(super) acknowledged: BTreeSet<i64>,
     /// Whether a submission was.
@@ -58,13 +59,13 @@ impl Witness {
     /// Its leases.
     pub(super) fn see_leases(&mut self, now: i64, worker: &str, told: &ExchangeResponse) -> Result<(), String> {
         for lease in &told.jobs {
-            let held = self.held.get(&lease.job);
             // The same lease again, to a worker which has not heard of it.
-            let again = held.is_some_and(|held| held.worker == worker && held.attempt == lease.attempt);
-            if let Some(held) = held.filter(|held| held.until > now && !again) {
+            let last = self.attempts.insert(lease.job, (lease.attempt, worker.to_owned()));
+            let again = last.as_ref().is_some_and(|(attempt, holder)| *attempt == lease.attempt && holder == worker);
+            if let Some(held) = self.held.get(&lease.job).filter(|held| held.until > now && !again) {
                 return Err(format!("job {} is leased twice at once, to {worker} beside {held:?}", lease.job));
             }
-            let last = self.attempts.insert(lease.job, lease.attempt).unwrap_or(0);
+            let last = last.map_or(0, |(attempt, _)| attempt);
             if lease.attempt <= last && !again {
                 return Err(format!("job {} goes from attempt {last} to {}", lease.job, lease.attempt));
             }
