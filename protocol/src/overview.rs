@@ -194,3 +194,12 @@ pub struct ChangeMessage {
     /// Whether anything may have changed: at the beginning, and after more than could be kept.
     pub everything: bool,
 }
+
+/// One event of `GET /v1/events`, as its lines name it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ChangeEvent {
+    /// `changed`.
+    pub event: String,
+    /// A [`ChangeMessage`] as JSON: `{"studies": [...], "workers": false, "everything": true}`.
+    pub data: String,
+}

@@ -7,7 +7,7 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures_util::stream::{self, Stream};
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::overview::ChangeMessage;
+use manduca_protocol::overview::{ChangeEvent, ChangeMessage};
 use manduca_protocol::problem::Problem;
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -46,7 +46,7 @@ struct Watching {
 /// Tells what changes, as server-sent events named `changed`, at most two a second. They say
 /// where to look again, not what is there. The stream ends when the coordinator stops.
 #[utoipa::path(get, path = "/v1/events", tag = "watch", params(EventParams), responses(
-    (status = 200, body = ChangeMessage, content_type = "text/event-stream"),
+    (status = 200, body = ChangeEvent, content_type = "text/event-stream"),
     (status = 400, body = Problem, content_type = "application/problem+json"),
     (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 503, body = Problem, content_type = "application/problem+json"),
