@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import urllib.error
 import urllib.request
 
@@ -133,8 +134,6 @@ class Cluster:
         return json.loads(self.ask("GET", path))
 
     def submit(self, samples: int) -> None:
-        import tomllib
-
         spec = tomllib.loads(STUDY.format(samples=samples))
         self.study = json.loads(self.ask("POST", "/v1/studies", spec))["id"]
         self.began = time.monotonic()
@@ -144,6 +143,13 @@ class Cluster:
 
     def flown(self) -> int:
         return self.view()["samples"]["succeeded"]
+
+    def known(self) -> dict[str, dict]:
+        """The workers by name."""
+        return {worker["name"]: worker for worker in self.get("/v1/workers")}
+
+    def completed(self, host: str) -> int:
+        return self.known().get(host, {"completed": 0})["completed"]
 
     def until(self, what: str, seen, limit: float = 3600.0) -> None:
         start = time.monotonic()
@@ -187,15 +193,11 @@ def disturbed(cluster: Cluster, network: Network, samples: int, cut: float) -> l
     seen.append(f"host a cut off for {cut:.0f} s at {at} strokes; {cluster.flown()} when it came back")
     network.cut("a", False)
     cluster.worker("c")
-    done = {w["name"]: w["completed"] for w in json.loads(cluster.ask("GET", "/v1/workers"))}["a"]
-    back = time.monotonic()
-    name = lambda host: {w["name"]: w["completed"] for w in json.loads(cluster.ask("GET", "/v1/workers"))}.get(host, 0)
-    cluster.until("host a works again", lambda: name("a") > done, 120)
+    done, back = cluster.completed("a"), time.monotonic()
+    cluster.until("host a works again", lambda: cluster.completed("a") > done, 120)
     seen.append(f"host a delivered again {time.monotonic() - back:.1f} s after it came back")
-    cluster.until("host c works", lambda: name("c") > 0, 120)
-    workers = json.loads(cluster.ask("GET", "/v1/workers"))
-    b = next(w for w in workers if w["name"] == "b")
-    cluster.ask("POST", f"/v1/workers/{b['id']}/drain")
+    cluster.until("host c works", lambda: cluster.completed("c") > 0, 120)
+    cluster.ask("POST", f"/v1/workers/{cluster.known()['b']['id']}/drain")
     cluster.until("host b leaves", lambda: cluster.workers["b"].poll() is not None, 120)
     seen.append(f"host b drained at {cluster.flown()} strokes, exit code {cluster.workers['b'].returncode}")
     if cluster.workers["b"].returncode != 0 or cluster.flown() >= samples:

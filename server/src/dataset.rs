@@ -11,6 +11,8 @@ use manduca_protocol::view::DatasetRow;
 
 use table::TableWriter;
 
+use crate::http::parts::media_ranges;
+
 /// How rows are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
@@ -43,7 +45,7 @@ impl Format {
     /// The first media type of an Accept header which is offered; JSON where there is none.
     pub(crate) fn accepted(accept: Option<&str>) -> Option<Self> {
         let Some(accept) = accept else { return Some(Self::Json) };
-        accept.split(',').find_map(|range| match range.split(';').next().unwrap_or_default().trim() {
+        media_ranges(accept).find_map(|range| match range {
             "application/json" | "application/*" | "*/*" => Some(Self::Json),
             "application/x-ndjson" => Some(Self::NdJson),
             "text/csv" | "text/*" => Some(Self::Csv),

@@ -13,7 +13,7 @@ mod running;
 use std::time::Duration;
 
 use manduca_numerics::simulation;
-use manduca_protocol::ids::WorkerId;
+use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::worker::{
     Completion, ExchangeRequest, ExchangeResponse, Failure, Lease, PROTOCOL_VERSION, RegisterRequest, RegisterResponse,
 };
@@ -189,9 +189,14 @@ impl Agent {
         [&self.report, &self.poll].into_iter().flatten().fold(idle, |left, flight| left.saturating_sub(flight.want))
     }
 
+    /// Jobs it computes or has yet to deliver, and their attempts.
+    fn jobs(&self) -> impl Iterator<Item = (JobId, u32)> {
+        self.running.jobs().chain(self.outbox.jobs())
+    }
+
     fn exchange(&mut self, mut request: ExchangeRequest, batch: usize) -> Flight {
         if request.want > 0 && std::mem::take(&mut self.missed) {
-            request.have = Some(self.running.jobs().chain(self.outbox.jobs()).map(|(job, _)| job).collect());
+            request.have = Some(self.jobs().map(|(job, _)| job).collect());
         }
         let wait = Duration::try_from_secs_f64(request.wait_s).unwrap_or_default();
         let path = format!("/v1/workers/{}/exchange", self.worker);
@@ -259,7 +264,7 @@ impl Agent {
     fn start(&mut self, lease: Lease) {
         let (job, attempt) = (lease.job, lease.attempt);
         // Given again because another answer was on its way.
-        if self.running.jobs().chain(self.outbox.jobs()).any(|had| had == (job, attempt)) {
+        if self.jobs().any(|had| had == (job, attempt)) {
             return;
         }
         match self.idle.pop() {

@@ -1,4 +1,4 @@
-//! Ids in paths and values in query strings, with problems for refusals.
+//! Ids in paths, values in query strings and media types of headers, with problems for refusals.
 
 use axum::extract::rejection::PathRejection;
 use axum::extract::{FromRequestParts, Path, Query};
@@ -61,4 +61,9 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
         })?;
         Ok(Self(params))
     }
+}
+
+/// The media types of an Accept header in their order, without parameters and weights.
+pub(crate) fn media_ranges(accept: &str) -> impl Iterator<Item = &str> {
+    accept.split(',').map(|range| range.split(';').next().unwrap_or_default().trim())
 }

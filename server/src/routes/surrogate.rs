@@ -17,7 +17,7 @@ use utoipa_axum::routes;
 
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
-use crate::http::parts::{Id, Params};
+use crate::http::parts::{Id, Params, media_ranges};
 use crate::onnx;
 use crate::prepare::running;
 use crate::state::AppState;
@@ -94,13 +94,12 @@ fn as_onnx(asked: Option<&str>, headers: &HeaderMap) -> Result<bool, ApiError> {
         None => {}
     }
     let Some(accept) = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()) else { return Ok(false) };
-    let ranges = accept.split(',').map(|range| range.split(';').next().unwrap_or_default().trim());
-    let mut known = ranges.filter_map(|range| match range {
+    let known = media_ranges(accept).find_map(|range| match range {
         "application/json" | "application/*" | "*/*" => Some(false),
         ONNX => Some(true),
         _ => None,
     });
-    known.next().ok_or(ApiError::NotAcceptable { offered: "application/json and application/onnx" })
+    known.ok_or(ApiError::NotAcceptable { offered: "application/json and application/onnx" })
 }
 
 /// What the network predicts for strokes.
