@@ -142,7 +142,7 @@ Examples:
   manduca run paper --data /big/paper    the full study of the paper
   manduca run my.toml --json > my.json   the answer as one JSON object")]
 pub struct RunArgs {
-    /// A study file (TOML or JSON), or a built-in study: quick, paper, five, five-direct.
+    /// A study file (TOML or JSON), or a built-in study: quick, paper, five, five-direct, truth.
     #[arg(default_value = "quick")]
     pub study: String,
     /// Folder of the database.
@@ -293,7 +293,7 @@ Examples:
   manduca study submit my.toml --dry-run    is it right, and how long would it take here?
   manduca study submit my.toml --wait       submit, follow, print the optimum")]
 pub struct SubmitArgs {
-    /// A study file, or a built-in study: quick, paper, five, five-direct.
+    /// A study file, or a built-in study: quick, paper, five, five-direct, truth.
     pub study: String,
     #[command(flatten)]
     pub coordinator: Coordinator,

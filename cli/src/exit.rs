@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use manduca_worker::WorkerError;
 use manduca_worker::http::CallError;
 
-use crate::output::note;
+use crate::output::complain;
 
 /// Ended by Ctrl-C, as shells count it.
 pub const INTERRUPTED: u8 = 130;
@@ -37,9 +37,9 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         // `manduca dataset latest | head` has read enough: that is no failure.
         return ExitCode::SUCCESS;
     }
-    note(format_args!("error: {error:#}"));
+    complain(format_args!("error: {error:#}"));
     if let Some(advice) = advice(error) {
-        note(format_args!("  -> {advice}"));
+        complain(format_args!("  -> {advice}"));
     }
     ExitCode::from(code(error))
 }

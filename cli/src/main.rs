@@ -25,6 +25,9 @@ fn main() -> ExitCode {
         // A slot is no async program: it reads, computes and writes.
         return manduca_worker::slot::slot_main();
     }
+    if cli.quiet {
+        output::hush();
+    }
     logging::start(&cli);
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use serde::Serialize;
@@ -69,8 +70,28 @@ fn is_number(cell: &str) -> bool {
     cell == "-" || cell.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit())
 }
 
+/// Whether only errors are told.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// From now on nothing but errors is said on standard error.
+pub fn hush() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether nothing but errors is to be said.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
 /// Says something which is not the answer.
 pub fn note(text: impl fmt::Display) {
+    if !is_quiet() {
+        complain(text);
+    }
+}
+
+/// Says what went wrong.
+pub fn complain(text: impl fmt::Display) {
     // With standard error gone there is no one left to tell.
     let _ = writeln!(io::stderr().lock(), "{text}");
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use manduca_protocol::view::{StudyState, StudyView};
 
-use crate::output::note;
+use crate::output::{is_quiet, note};
 
 /// Between two lines about the same stage where there is no terminal.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
@@ -75,7 +75,7 @@ pub struct Meter {
 impl Meter {
     /// A meter on standard error.
     pub fn new() -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let bar = (std::io::stderr().is_terminal() && !is_quiet()).then(|| {
             let bar = ProgressBar::new(0);
             if let Ok(style) = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len}  {msg}  [{elapsed}]") {
                 bar.set_style(style);

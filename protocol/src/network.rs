@@ -38,7 +38,9 @@ impl From<&Surrogate> for SurrogateMessage {
     fn from(surrogate: &Surrogate) -> Self {
         let frame = match *surrogate.frame() {
             Frame::Paper => FrameMessage::Paper,
-            Frame::Physical { reference_hz, arm, mirror } => FrameMessage::Physical { reference_hz, arm, mirror },
+            Frame::Physical { reference_hz, arm, mirror, sharpness } => {
+                FrameMessage::Physical { reference_hz, arm, mirror, sharpness }
+            }
         };
         let networks = surrogate.members().iter().map(Into::into).collect();
         Self { frame, networks, process: surrogate.process().map(|p| Box::new(p.into())) }
@@ -95,11 +97,11 @@ pub fn network(message: &NetworkMessage) -> Result<Network, String> {
 pub fn surrogate(message: &SurrogateMessage) -> Result<Surrogate, String> {
     let frame = match message.frame {
         FrameMessage::Paper => Frame::Paper,
-        FrameMessage::Physical { reference_hz, arm, mirror } => {
+        FrameMessage::Physical { reference_hz, arm, mirror, sharpness } => {
             if !(reference_hz.is_finite() && reference_hz > 0.0 && arm.iter().all(|a| a.is_finite())) {
                 return Err("the frame's numbers are none".into());
             }
-            Frame::Physical { reference_hz, arm, mirror }
+            Frame::Physical { reference_hz, arm, mirror, sharpness }
         }
     };
     if let Some(process) = &message.process {
@@ -225,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_surrogate_survives_its_message() {
-        let frame = FrameMessage::Physical { reference_hz: 27.5, arm: [0.1, -0.7], mirror: true };
+        let frame = FrameMessage::Physical { reference_hz: 27.5, arm: [0.1, -0.7], mirror: true, sharpness: true };
         let sent = SurrogateMessage { frame, networks: vec![message(), message()], process: None };
         let json = serde_json::to_string(&sent).unwrap();
         let taken = surrogate(&serde_json::from_str(&json).unwrap()).unwrap();
@@ -243,7 +245,7 @@ mod tests {
         let mut elsewhere = message();
         elsewhere.bounds.upper[4] = 2.0;
         assert!(of(vec![message(), elsewhere]).is_err());
-        let frame = FrameMessage::Physical { reference_hz: 0.0, arm: [0.0; 2], mirror: true };
+        let frame = FrameMessage::Physical { reference_hz: 0.0, arm: [0.0; 2], mirror: true, sharpness: true };
         assert!(surrogate(&SurrogateMessage { frame, networks: vec![message()], process: None }).is_err());
     }
 

@@ -66,6 +66,9 @@ pub enum FrameMessage {
         arm: [f64; 2],
         /// Whether predictions obey the fore-aft mirror law.
         mirror: bool,
+        /// Whether the networks are given -ln(1 - K² + 1/200) for K and ln(1 + C²) for C; earlier ones are not.
+        #[serde(default)]
+        sharpness: bool,
     },
 }
 
@@ -89,7 +92,7 @@ pub struct ProcessOutputMessage {
 pub struct ProcessMessage {
     /// Bounds of the inputs.
     pub bounds: BoundsMessage,
-    /// The samples' ten values, in table order.
+    /// The samples' ten values as the frame gives them, in table order.
     pub points: Vec<[f64; 10]>,
     /// The four outputs of the frame.
     pub outputs: [ProcessOutputMessage; 4],

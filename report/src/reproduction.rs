@@ -1,5 +1,6 @@
 //! A finished study beside the paper it repeats: Nguyen et al. 2019.
 
+mod baseline;
 mod five;
 mod optima;
 mod searches;
@@ -9,7 +10,7 @@ use std::io;
 
 use manduca_numerics::cases::Case;
 use manduca_numerics::parameters::{Bounds, Point};
-use manduca_numerics::surrogate::Surrogate;
+use manduca_numerics::surrogate::{Sample, Surrogate};
 
 use crate::markdown::Document;
 use crate::output::Report;
@@ -24,6 +25,8 @@ pub struct Study {
     pub curve: Vec<[f64; 4]>,
     /// Root mean square errors of L+, D+, M+, P+ on the test share.
     pub errors: Option<[f64; 4]>,
+    /// Strokes it has not seen, flown long, to judge it by; may be none.
+    pub fresh: Vec<Sample>,
     /// The surrogate.
     pub surrogate: Surrogate,
     /// The sampled box.
@@ -92,9 +95,9 @@ pub struct Effort {
 }
 
 impl Default for Effort {
-    /// The paper's, but for its largest population.
+    /// The paper's.
     fn default() -> Self {
-        Self { population: 100_000, populations: vec![1_000, 10_000, 100_000], runs: 5 }
+        Self { population: 100_000, populations: vec![1_000, 10_000, 100_000, 500_000], runs: 5 }
     }
 }
 
@@ -117,6 +120,8 @@ pub fn compute(study: &Study, five: Option<&Five>, effort: &Effort, tell: &mut d
     }
     document.table(&facts);
     let mut figures = Vec::new();
+    tell("the model beside blade elements");
+    baseline::write(&mut document, &mut figures)?;
     surrogate::write(study, &mut document, &mut figures)?;
     tell("optima");
     optima::write(study, &mut document, &mut figures)?;
@@ -164,6 +169,13 @@ mod tests {
             predicted: Some([1.0, 0.0, 0.0, power]),
             simulated: Some(([0.9, 0.02, -0.01, power], [0.001; 4])),
         };
+        // Off by 0.02 in lift; every third is known badly.
+        let fresh = |i: u32| {
+            let x = Bounds::default().from_unit(&[f64::from(i) / 30.0; 10]);
+            let mut y = surrogate().predict(&x);
+            y[0] += 0.02;
+            Sample { x, y, se: [if i.is_multiple_of(3) { 0.01 } else { 0.001 }; 4] }
+        };
         let optimum = Optimum {
             name: "case-I".into(),
             paper: &CASES[0],
@@ -176,6 +188,7 @@ mod tests {
             facts: vec![("seed".into(), "2019".into())],
             curve: (0..5).map(|i| [f64::from(i), 0.1, 0.2, 0.3]).collect(),
             errors: Some([0.0123, 0.02, 0.03, 0.04]),
+            fresh: (0..30).map(fresh).collect(),
             surrogate: surrogate(),
             bounds: Bounds::default(),
             seed: 3,
@@ -191,11 +204,14 @@ mod tests {
             "0.012",
             "0.024",
             "25.30",
+            "30 strokes flown long | 0.020 | 0 | 0 | 0 |",
+            "the 20 of them known to 0.2 hundredths | 0.020 |",
+            "of leaving the box",
             "refined by 40 simulations",
             "0.610 per unit of lift",
         ] {
             assert!(report.text.contains(text), "{text} in\n{}", report.text);
         }
-        assert_eq!(report.figures.len(), 4);
+        assert_eq!(report.figures.len(), 7);
     }
 }

@@ -65,7 +65,7 @@ function remarks(o) {
   if (o.breeding) said.push(`${o.breeding.standing.rounds} generations, ${whole(o.breeding.standing.simulations)} strokes flown: ${o.breeding.ended ?? "they go on"}.`);
   if (search) {
     const { rounds, simulations, trimmed_power: power, prices } = search.standing;
-    said.push(`Refined by ${whole(simulations)} simulations in ${rounds} rounds: ${search.ended ?? "it goes on"}.`);
+    said.push(`Refined by ${whole(simulations)} simulations in ${rounds} round${rounds === 1 ? "" : "s"}: ${search.ended ?? "it goes on"}.`);
     if (power && prices) said.push(`P+ in exact trim ${fixed(power, 4)}: it rises by ${fixed(prices.lift, 3)} per unit of L+, ${fixed(prices.drag, 3)} of D+, ${fixed(prices.pitch_moment, 3)} of M+.`);
   }
   if (o.simulated?.outcome === "infeasible") said.push(`The optimum cannot be flown: ${o.simulated.reason}.`);

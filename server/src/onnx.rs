@@ -5,9 +5,12 @@
 //! table and in its units; `means` has a row for each with the four scaled means. Names and units
 //! travel in the model's metadata.
 
+mod frame;
 mod schema;
 
-use manduca_numerics::parameters::{COUNT, OUTPUTS, TABLE, at};
+use std::ops::Range;
+
+use manduca_numerics::parameters::{Bounds, COUNT, OUTPUTS, TABLE, at};
 use manduca_numerics::surrogate::{Frame, Network, Surrogate};
 use prost::Message;
 use serde_json::json;
@@ -22,11 +25,12 @@ const OPSET: i64 = 17;
 /// Version of the format which goes with it.
 const IR: i64 = 8;
 
-/// A surrogate as an ONNX file; none of a gaussian process.
-pub(crate) fn model(surrogate: &Surrogate, name: &str, facts: &[(&str, String)]) -> Option<Vec<u8>> {
-    let bounds = surrogate.members().first()?.bounds;
+/// A surrogate as an ONNX file, trained within these bounds; none of a gaussian process.
+pub(crate) fn model(surrogate: &Surrogate, bounds: &Bounds, name: &str, facts: &[(&str, String)]) -> Option<Vec<u8>> {
+    surrogate.members().first()?;
     let mut graph = Graph::default();
-    let learnt = graph.networks(surrogate);
+    let given = graph.given(surrogate.frame());
+    let learnt = graph.networks(surrogate, &given);
     let means = match *surrogate.frame() {
         Frame::Paper => learnt,
         Frame::Physical { reference_hz, arm, .. } => graph.outward(&learnt, reference_hz, arm),
@@ -136,17 +140,23 @@ impl Graph {
 
     /// One column of a table, as a table.
     fn column(&mut self, table: &str, index: usize, output: &str) -> String {
-        let name = format!("{output}.column");
-        let raw_data = (index as i64).to_le_bytes().to_vec();
+        self.columns(table, index..index + 1, output)
+    }
+
+    /// Some columns of a table, as a table.
+    fn columns(&mut self, table: &str, indices: Range<usize>, output: &str) -> String {
+        let name = format!("{output}.columns");
+        let dims = vec![indices.len() as i64];
+        let raw_data = indices.flat_map(|i| (i as i64).to_le_bytes()).collect();
         let doc_string = String::new();
-        self.tensors.push(TensorProto { dims: vec![1], data_type: INT64, name: name.clone(), raw_data, doc_string });
+        self.tensors.push(TensorProto { dims, data_type: INT64, name: name.clone(), raw_data, doc_string });
         self.node_by_columns("Gather", &[table, &name], output)
     }
 
     /// The mean of all networks, and where the mirror law holds of their mirror images.
-    fn networks(&mut self, surrogate: &Surrogate) -> String {
+    fn networks(&mut self, surrogate: &Surrogate, given: &str) -> String {
         let members = surrogate.members();
-        let inputs = self.scaled(&members[0]);
+        let inputs = self.scaled(&members[0], given);
         let mut images = vec![("", inputs.clone(), None)];
         if surrogate.frame().is_mirrored() {
             let signs: [f64; COUNT] =
@@ -175,8 +185,8 @@ impl Graph {
         self.node("Mul", &[&sum.unwrap_or_default(), &share], "learnt", "the mean of all networks")
     }
 
-    /// The inputs of networks: parameters from their bounds to -1 to 1, 0 where held.
-    fn scaled(&mut self, network: &Network) -> String {
+    /// The inputs of networks: what they are given, from its bounds to -1 to 1, 0 where held.
+    fn scaled(&mut self, network: &Network, given: &str) -> String {
         let bounds = &network.bounds;
         let held = |i: usize| bounds.upper[i] <= bounds.lower[i];
         let factors: [f64; COUNT] =
@@ -185,8 +195,8 @@ impl Graph {
         let lower = self.numbers("bounds.lower", &[COUNT], &bounds.lower);
         let factors = self.numbers("bounds.factors", &[COUNT], &factors);
         let shifts = self.numbers("bounds.shifts", &[COUNT], &shifts);
-        let above = self.node("Sub", &["parameters", &lower], "parameters.above", "");
-        let wide = self.node("Mul", &[&above, &factors], "parameters.scaled", "");
+        let above = self.node("Sub", &[given, &lower], "given.above", "");
+        let wide = self.node("Mul", &[&above, &factors], "given.scaled", "");
         self.node("Sub", &[&wide, &shifts], "inputs", "from bounds to [-1, 1]")
     }
 
@@ -208,40 +218,6 @@ impl Graph {
         let active = self.node("Tanh", &[&sums], &format!("{at}.hidden"), "");
         let out = self.node("MatMul", &[&active, &of("output.weights")], &format!("{at}.weighted"), "");
         self.node("Add", &[&out, &of("output.biases")], &format!("{at}.out"), "")
-    }
-
-    /// From N, T, M about the hinge line and P at the reference frequency to L+, D+, M+, P+
-    /// ([`Frame::outward`]).
-    fn outward(&mut self, learnt: &str, reference_hz: f64, arm: [f64; 2]) -> String {
-        let f = self.column("parameters", at::FREQUENCY, "frequency");
-        let reference = self.number("reference_hz", reference_hz);
-        let r = self.node("Div", &[&f, &reference], "ratio", "f/f_r");
-        let square = self.node("Mul", &[&r, &r], "ratio.square", "");
-        let cube = self.node("Mul", &[&square, &r], "ratio.cube", "");
-        let b = self.column("parameters", at::STROKE_PLANE, "stroke_plane");
-        let degree = self.number("degree", 1_f64.to_radians());
-        let b = self.node("Mul", &[&b, &degree], "stroke_plane.rad", "");
-        let s = self.node("Sin", &[&b], "sine", "");
-        // Not every runtime has a cosine of doubles.
-        let quarter = self.number("quarter", std::f64::consts::FRAC_PI_2);
-        let turned = self.node("Add", &[&b, &quarter], "stroke_plane.turned", "");
-        let c = self.node("Sin", &[&turned], "cosine", "");
-        let mut part = |k: usize, name: &str, factor: &str| {
-            let at_reference = self.column(learnt, k, &format!("{name}.at_reference"));
-            self.node("Mul", &[&at_reference, factor], name, "")
-        };
-        let (n, t) = (part(0, "normal", &square), part(1, "tangential", &square));
-        let (hinge, power) = (part(2, "hinge_moment", &square), part(3, "power", &cube));
-        let (x, z) = (self.number("arm.x", arm[0]), self.number("arm.z", arm[1]));
-        let (xn, zt) = (self.node("Mul", &[&n, &x], "x.normal", ""), self.node("Mul", &[&t, &z], "z.tangential", ""));
-        let shift = self.node("Sub", &[&xn, &zt], "moment.shift", "");
-        let moment = self.node("Sub", &[&hinge, &shift], "pitch_moment", "M_h - (x N - z T)");
-        let (nc, ts) = (self.node("Mul", &[&n, &c], "n.cos", ""), self.node("Mul", &[&t, &s], "t.sin", ""));
-        let lift = self.node("Sub", &[&nc, &ts], "lift", "N cos b - T sin b");
-        let (tc, ns) = (self.node("Mul", &[&t, &c], "t.cos", ""), self.node("Mul", &[&n, &s], "n.sin", ""));
-        let forward = self.node("Add", &[&tc, &ns], "forward", "");
-        let drag = self.node("Neg", &[&forward], "drag", "-(T cos b + N sin b)");
-        self.node_by_columns("Concat", &[&lift, &drag, &moment, &power], "outward")
     }
 }
 

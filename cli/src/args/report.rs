@@ -26,7 +26,8 @@ default numbers keep two cores busy for some minutes.
 Example:
   manduca run paper --data paper && manduca serve --data paper &
   manduca report reproduction latest
-  manduca report reproduction 01a2 --direct 7c31 --five 9f04     with the five-parameter case")]
+  manduca report reproduction 01a2 --direct 7c31 --five 9f04     with the five-parameter case
+  manduca report reproduction latest --truth truth.csv         with errors on strokes flown long")]
 pub struct ReproductionArgs {
     /// A study: its id, the end of its id, or `latest`.
     pub study: String,
@@ -36,6 +37,9 @@ pub struct ReproductionArgs {
     /// A finished `five`, or any study with an optimum of its network: compared with --direct.
     #[arg(long, value_name = "STUDY", requires = "direct")]
     pub five: Option<String>,
+    /// Dataset of strokes flown long (`studies/truth.toml`), CSV or NDJSON: the surrogate is judged by them.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
     #[command(flatten)]
     pub coordinator: Coordinator,
     #[command(flatten)]
@@ -44,7 +48,7 @@ pub struct ReproductionArgs {
     #[arg(long, value_name = "N", default_value_t = 100_000)]
     pub population: usize,
     /// Populations of Fig. 7.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000])]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 500_000])]
     pub populations: Vec<usize>,
     /// Runs of each population.
     #[arg(long, value_name = "N", default_value_t = 5)]

@@ -19,7 +19,10 @@ use crate::render;
 pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
     let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
-    let study = fetched(&api, id).await?;
+    let mut study = fetched(&api, id).await?;
+    if let Some(truth) = &args.truth {
+        study.fresh = super::bench::samples::read(truth)?;
+    }
     let five = match (&args.direct, &args.five) {
         (Some(direct), Some(surrogate)) => {
             Some(Five { direct: side(&api, direct, true).await?, surrogate: side(&api, surrogate, false).await? })
@@ -44,6 +47,7 @@ pub(super) async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
         facts: facts(api, id, &view).await?,
         curve: first.map(|e| [f64::from(e.iteration), e.train_mse, e.validation_mse, e.test_mse]).collect(),
         errors: training.test.map(|t| render::scaled(&t.rmse)),
+        fresh: Vec::new(),
         surrogate,
         bounds: Bounds { lower: resolved.bounds.lower, upper: resolved.bounds.upper },
         seed: view.spec.seed,

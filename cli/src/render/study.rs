@@ -150,7 +150,7 @@ pub fn trimmed(search: &SearchView) -> Option<String> {
 pub fn refinement(search: &SearchView) -> String {
     let Standing { rounds, simulations, .. } = &search.standing;
     let ended = search.ended.as_deref().unwrap_or("it goes on");
-    format!("refined by {simulations} simulations in {rounds} rounds: {ended}")
+    format!("refined by {simulations} simulations in {rounds} round{}: {ended}", if *rounds == 1 { "" } else { "s" })
 }
 
 /// An optimum is worth what the network knew there, and the re-simulation tells.

@@ -6,8 +6,8 @@ use super::{Jacobian, Network, NetworkError};
 use crate::parameters::{COUNT, Point, at};
 use rayon::prelude::*;
 
-/// Points mapped by one parallel task.
-const TASK: usize = 4096;
+/// Points predicted and mapped by one parallel task.
+const TASK: usize = 1024;
 
 /// Predicts L+, D+, M+, P+ of a stroke: the mean of one or more networks, or a gaussian
 /// process, in a frame.
@@ -29,6 +29,22 @@ enum Learnt {
     Networks(Vec<Network>, Box<Network>),
     /// A gaussian process.
     Process(Box<Ready>),
+}
+
+impl Learnt {
+    fn predict_into(&self, inputs: &[Point], out: &mut [[f64; 4]]) {
+        match self {
+            Self::Networks(_, joined) => joined.predict_into(inputs, out),
+            Self::Process(process) => process.predict_into(inputs, out),
+        }
+    }
+
+    fn jacobians_into(&self, inputs: &[Point], out: &mut [Jacobian]) {
+        match self {
+            Self::Networks(_, joined) => joined.jacobians_into(inputs, out),
+            Self::Process(process) => process.jacobians_into(inputs, out),
+        }
+    }
 }
 
 impl Surrogate {
@@ -93,14 +109,12 @@ impl Surrogate {
     ///
     /// Where the two slices differ in length, the shorter one counts.
     pub fn predict_into(&self, xs: &[Point], out: &mut [[f64; 4]]) {
-        match &self.learnt {
-            Learnt::Networks(_, joined) => joined.predict_into(xs, out),
-            Learnt::Process(process) => process.predict_into(xs, out),
-        }
         if self.frame == Frame::Paper {
-            return;
+            return self.learnt.predict_into(xs, out);
         }
         xs.par_chunks(TASK).zip(out.par_chunks_mut(TASK)).for_each(|(xs, out)| {
+            let inputs: Vec<Point> = xs.iter().map(|x| self.frame.inputs(x)).collect();
+            self.learnt.predict_into(&inputs, out);
             for (x, y) in xs.iter().zip(out) {
                 *y = self.frame.outward(x, y);
             }
@@ -118,10 +132,8 @@ impl Surrogate {
 
     /// The same at many points, on the calling thread; the shorter slice counts.
     pub fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
-        match &self.learnt {
-            Learnt::Networks(_, joined) => joined.jacobians_into(xs, out),
-            Learnt::Process(process) => process.jacobians_into(xs, out),
-        }
+        let inputs: Vec<Point> = xs.iter().map(|x| self.frame.inputs(x)).collect();
+        self.learnt.jacobians_into(&inputs, out);
         for (x, place) in xs.iter().zip(out) {
             *place = self.outward(x, place);
         }
@@ -130,10 +142,11 @@ impl Surrogate {
     /// From outputs and derivatives in the frame to those of the means.
     fn outward(&self, x: &Point, (inside, slopes): &Jacobian) -> Jacobian {
         let (by_inside, by_frame) = self.frame.slopes(x, inside);
+        let by_own = self.frame.input_slopes(x);
         let mut jacobian = [[0.0; COUNT]; 4];
         for (o, row) in jacobian.iter_mut().enumerate() {
             for (i, d) in row.iter_mut().enumerate() {
-                *d = (0..4).map(|k| by_inside[o][k] * slopes[k][i]).sum();
+                *d = by_own[i] * (0..4).map(|k| by_inside[o][k] * slopes[k][i]).sum::<f64>();
             }
             row[at::FREQUENCY] += by_frame[o][0];
             row[at::STROKE_PLANE] += by_frame[o][1];

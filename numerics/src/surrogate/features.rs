@@ -16,17 +16,19 @@
 //! solver in `numerics/tests/symmetries.rs`.) The network is asked for N_r, T_r, M_r,
 //! P_r, in units of W, W, W c, P0, so beta and f are no inputs of it, and every sample
 //! is two, its mirror image included.
+//!
+//! The shapes K and C enter by how sharp they make the reversals (`sharpness.rs`).
 
 use super::settings::TrainError;
-use super::{Network, Sample};
+use super::{Network, Sample, sharpness};
 use crate::insect::Insect;
 use crate::math::sin_cos;
-use crate::parameters::{Bounds, OUTPUTS, Point, at};
+use crate::parameters::{Bounds, COUNT, OUTPUTS, Point, at};
 
 /// What the networks learn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Features {
-    /// Tilt, frequency and fore-aft mirror image by their exact laws.
+    /// Tilt, frequency and fore-aft mirror image by their exact laws, shapes by their sharpness.
     #[default]
     Physical,
     /// Ten inputs to L+, D+, M+, P+ (paper Eq. 3 and 4).
@@ -53,6 +55,8 @@ pub enum Frame {
         arm: [f64; 2],
         /// Whether mirror images count as samples, and predictions obey the mirror law.
         mirror: bool,
+        /// Whether K and C are given as the sharpness of their reversals.
+        sharpness: bool,
     },
 }
 
@@ -90,6 +94,23 @@ impl Frame {
             reference_hz: 0.5 * (bounds.lower[at::FREQUENCY] + bounds.upper[at::FREQUENCY]),
             arm: [x / insect.moment_scale_m, z / insect.moment_scale_m],
             mirror: across(at::SWEEP_MEAN) && across(at::ROTATION_MEAN),
+            sharpness: true,
+        }
+    }
+
+    /// What of a stroke the network is given.
+    pub fn inputs(&self, x: &Point) -> Point {
+        match self {
+            Self::Physical { sharpness: true, .. } => sharpness::of(x),
+            _ => *x,
+        }
+    }
+
+    /// Derivatives of [`Frame::inputs`], each by its own parameter.
+    pub(crate) fn input_slopes(&self, x: &Point) -> Point {
+        match self {
+            Self::Physical { sharpness: true, .. } => sharpness::slopes(x),
+            _ => [1.0; COUNT],
         }
     }
 
@@ -123,7 +144,7 @@ impl Frame {
             let most = bounds.upper[i].max(-bounds.lower[i]);
             (bounds.lower[i], bounds.upper[i]) = (-most, most);
         }
-        bounds
+        Bounds { lower: self.inputs(&bounds.lower), upper: self.inputs(&bounds.upper) }
     }
 
     /// From L+, D+, M+, P+ at a stroke to what the network learns.
@@ -169,10 +190,10 @@ impl Frame {
     pub(crate) fn part(&self, samples: &[Sample], indices: &[usize]) -> Part {
         let mut part = Part { xs: Vec::new(), ys: Vec::new(), weights: Vec::new() };
         for sample in indices.iter().map(|&i| &samples[i]) {
-            let (y, weight) = (self.inward(&sample.x, &sample.y), self.weight(sample));
-            part.push(sample.x, y, weight);
+            let (x, y, weight) = (self.inputs(&sample.x), self.inward(&sample.x, &sample.y), self.weight(sample));
+            part.push(x, y, weight);
             if let Self::Physical { mirror: true, .. } = self {
-                part.push(mirrored(&sample.x), std::array::from_fn(|k| MIRROR_SIGNS[k] * y[k]), weight);
+                part.push(mirrored(&x), std::array::from_fn(|k| MIRROR_SIGNS[k] * y[k]), weight);
             }
         }
         part

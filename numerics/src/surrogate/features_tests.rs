@@ -130,7 +130,8 @@ fn a_surrogate_is_the_mean_of_its_networks_and_their_images() {
         assert_eq!(surrogate.predict(x), out);
         let mut mean = [0.0; 4];
         for member in surrogate.members() {
-            let (own, image) = (member.predict(x), member.predict(&mirrored(x)));
+            let inputs = frame.inputs(x);
+            let (own, image) = (member.predict(&inputs), member.predict(&mirrored(&inputs)));
             for k in 0..4 {
                 mean[k] += 0.25 * (own[k] + MIRROR_SIGNS[k] * image[k]);
             }
@@ -160,6 +161,24 @@ fn derivatives_are_those_of_the_prediction() {
             }
         }
     }
+}
+
+/// K = 0.6 and C = 2: -ln(0.645) and ln 5. A triangle has the sharpness of 1/200, beyond it nothing changes.
+#[test]
+fn shapes_are_given_by_their_sharpness() {
+    let mut x = STROKE;
+    (x[at::SWEEP_SHAPE], x[at::ROTATION_SHAPE]) = (0.6, 2.0);
+    let inputs = frame().inputs(&x);
+    assert!((inputs[at::SWEEP_SHAPE] - 0.438_504_9).abs() < 1e-7, "{inputs:?}");
+    assert!((inputs[at::ROTATION_SHAPE] - 1.609_437_9).abs() < 1e-7, "{inputs:?}");
+    assert_eq!(inputs[..at::SWEEP_SHAPE], x[..at::SWEEP_SHAPE]);
+    x[at::SWEEP_SHAPE] = 1.0;
+    let triangle = frame().inputs(&x);
+    x[at::SWEEP_SHAPE] = 1.5;
+    assert_eq!(frame().inputs(&x), triangle);
+    assert_eq!(Frame::Paper.inputs(&x), x);
+    let all = frame().bounds(&Bounds::default());
+    assert_eq!(all.upper[at::SWEEP_SHAPE], triangle[at::SWEEP_SHAPE]);
 }
 
 #[test]

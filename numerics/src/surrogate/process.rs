@@ -36,9 +36,9 @@ const TASK: usize = 64;
 /// 2006, chapters 2, 4 and 5.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Process {
-    /// The box which is scaled to `[-1, 1]`, in table units; what is held is no input.
+    /// The box which is scaled to `[-1, 1]`, as the frame gives it; what is held is no input.
     pub bounds: Bounds,
-    /// The points, in table units.
+    /// The points, as the frame gives them.
     pub points: Vec<Point>,
     /// One per output of the frame.
     pub outputs: [ProcessOutput; 4],

@@ -4,7 +4,7 @@ use std::io;
 
 use manduca_numerics::cases::CASES;
 use manduca_numerics::insect::Insect;
-use manduca_numerics::parameters::TABLE;
+use manduca_numerics::parameters::{Point, TABLE};
 use manduca_numerics::refine::off_trim;
 
 use super::{Found, Optimum, Study};
@@ -39,12 +39,14 @@ pub(super) fn write(
          so our optima beat faster or pitch otherwise to carry the same weight; where a parameter lies on a bound in \
          both, physics decides, where only one does, the level of lift may.",
     );
-    let (forces, angles) = histories(study)?;
-    figures.push(("optimum-forces.svg", forces));
-    figures.push(("optimum-angles.svg", angles));
+    let flown = flown(study)?;
+    figures.push(("optimum-forces.svg", figures::forces(&flown, Insect::default().weight_n()).svg()?));
+    figures.push(("optimum-angles.svg", figures::angles(&flown).svg()?));
+    figures.push(("optimum-tip-paths.svg", figures::tip_paths(&flown).svg()?));
     document.subheading("Forces and angles over a stroke (Fig. 8, Fig. 10)");
     document.figure("figures/optimum-forces.svg", "Lift, drag and power over a stroke of the optima and of the moth");
     document.figure("figures/optimum-angles.svg", "Sweep, elevation and rotation of the optima and of the moth");
+    document.figure("figures/optimum-tip-paths.svg", "Paths of the wing tip of the optima and of the moth");
     Ok(())
 }
 
@@ -100,15 +102,14 @@ fn rows(table: &mut Table, name: &str, found: &Found, optimum: &Optimum) {
     }
 }
 
-/// Figures of the last stroke of the best optima and of the moth as measured.
-fn histories(study: &Study) -> io::Result<(String, String)> {
+/// The last stroke of the best optima and of the moth as measured.
+fn flown(study: &Study) -> io::Result<Vec<figures::Flown>> {
     let moth = CASES.iter().find(|c| c.name == "reference").map(|c| ("moth as measured".to_owned(), c.parameters));
     let best = study.optima.iter().map(|o| (o.name.clone(), o.refined.unwrap_or(o.first).point));
-    let mut flown: Vec<figures::Flown> = Vec::new();
-    for (name, point) in best.chain(moth) {
+    let fly = |(name, point): (String, Point)| {
         let (_, history) =
             Flight::of(point).fly_with_history().map_err(|e| io::Error::other(format!("{name}: {e}")))?;
-        flown.push((name, history));
-    }
-    Ok((figures::forces(&flown, Insect::default().weight_n()).svg()?, figures::angles(&flown).svg()?))
+        Ok((name, history))
+    };
+    best.chain(moth).map(fly).collect()
 }

@@ -19,6 +19,9 @@ use crate::plot::Figure;
 const PAPER: [(f64, f64, f64); 5] =
     [(2.0, 0.85, 2.6e-4), (10.0, 0.88, 1.5e-10), (20.0, 0.94, 3.1e-11), (50.0, 1.10, 2.4e-5), (100.0, 1.28, 1.0e-10)];
 
+/// Weights of leaving the box.
+const BOUNDS: [f64; 5] = [0.2, 1.0, 5.0, 20.0, 100.0];
+
 pub(super) fn write(
     study: &Study,
     effort: &Effort,
@@ -28,6 +31,7 @@ pub(super) fn write(
 ) -> io::Result<()> {
     with_problem(study, &mut |problem, power| {
         penalties(problem, study, effort, power, document, tell)?;
+        leaving(problem, study, effort, power, document)?;
         tell("sweep of the population");
         let rows = population_rows(problem, study, effort)?;
         populations(&rows, effort, power, document, figures)
@@ -95,6 +99,33 @@ fn penalties(
             significant(row.excess, 2),
             fixed(fitness, 2),
             significant(penalty, 2),
+        ]);
+    }
+    document.table(&table);
+    Ok(())
+}
+
+/// The same of s, which the paper sets to 5 and does not sweep.
+fn leaving(
+    problem: &Problem<'_>,
+    study: &Study,
+    effort: &Effort,
+    power: f64,
+    document: &mut Document,
+) -> io::Result<()> {
+    let ga = GaSettings { population: effort.population, generations: 100, seed: study.seed, ..GaSettings::default() };
+    let rows = penalty_sweep(problem, &ga, &SimplexSettings::default(), (Weight::Bounds, &BOUNDS), power);
+    document.paragraph(
+        "The weight s of leaving the box, with r = 2: where it is too small the search gains by leaving, and its fitness \
+         is below that of any stroke within.",
+    );
+    let mut table = Table::new(["s", "fitness", "penalty", "above the optimum"]);
+    for row in rows.map_err(failed)? {
+        table.row([
+            fixed(row.weight, 1),
+            fixed(row.fitness, 4),
+            significant(row.penalty, 2),
+            significant(row.excess, 2),
         ]);
     }
     document.table(&table);

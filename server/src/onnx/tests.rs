@@ -38,12 +38,14 @@ fn run(file: &[u8], x: &Point) -> Vec<f64> {
             "Sub" => pairs(&|a, b| a - b),
             "Mul" => pairs(&|a, b| a * b),
             "Div" => pairs(&|a, b| a / b),
+            "Max" => pairs(&f64::max),
+            "Log" => each(&manduca_numerics::math::ln),
             "Sin" => each(&manduca_numerics::math::sin),
             "Tanh" => each(&manduca_numerics::math::tanh),
             "Neg" => each(&|a| -a),
             "Identity" => each(&|a| a),
-            "Gather" => vec![vec![of(0)[0][of(1)[0][0] as usize]]],
-            "Concat" => vec![(0..node.input.len()).map(|i| of(i)[0][0]).collect()],
+            "Gather" => vec![of(1)[0].iter().map(|i| of(0)[0][*i as usize]).collect()],
+            "Concat" => vec![(0..node.input.len()).flat_map(|i| of(i)[0].clone()).collect()],
             "MatMul" => {
                 let (a, b) = (&of(0)[0], of(1));
                 vec![(0..b[0].len()).map(|c| a.iter().zip(b).map(|(a, row)| a * row[c]).sum()).collect()]
@@ -73,7 +75,7 @@ fn assert_alike(frame: Frame, members: usize) {
     let bounds = frame.bounds(&given);
     let networks = (0..members).map(|m| network(m as u64 + 1, &bounds)).collect();
     let surrogate = Surrogate::new(frame, networks).expect("a surrogate");
-    let file = model(&surrogate, "test", &[("study", "1".into())]).expect("networks");
+    let file = model(&surrogate, &Bounds::default(), "test", &[("study", "1".into())]).expect("networks");
     for share in [0.1, 0.37, 0.9] {
         let x = given.from_unit(&std::array::from_fn(|i| (share + 0.618 * i as f64).fract()));
         for (found, expected) in run(&file, &x).iter().zip(surrogate.predict(&x)) {
@@ -85,14 +87,14 @@ fn assert_alike(frame: Frame, members: usize) {
 #[test]
 fn a_model_computes_what_the_surrogate_predicts() {
     assert_alike(Frame::Paper, 1);
-    assert_alike(Frame::Physical { reference_hz: 27.5, arm: [0.3, -0.7], mirror: false }, 2);
-    assert_alike(Frame::Physical { reference_hz: 27.5, arm: [0.3, -0.7], mirror: true }, 3);
+    assert_alike(Frame::Physical { reference_hz: 27.5, arm: [0.3, -0.7], mirror: false, sharpness: false }, 2);
+    assert_alike(Frame::Physical { reference_hz: 27.5, arm: [0.3, -0.7], mirror: true, sharpness: true }, 3);
 }
 
 #[test]
 fn a_model_tells_its_names_and_units() {
     let surrogate = Surrogate::of(network(1, &Bounds::default()));
-    let file = model(&surrogate, "test", &[("study", "abc".into())]).expect("networks");
+    let file = model(&surrogate, &Bounds::default(), "test", &[("study", "abc".into())]).expect("networks");
     let model = ModelProto::decode(&file[..]).expect("a model");
     let told =
         |key: &str| model.metadata_props.iter().find(|p| p.key == key).map(|p| p.value.clone()).unwrap_or_default();

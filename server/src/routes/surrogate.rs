@@ -81,7 +81,10 @@ async fn model(
     let surrogate = network::surrogate(&message).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
     let facts = [("study", study.to_string()), ("solver_version", SOLVER_VERSION.to_owned())];
     let none = ApiError::NotAcceptable { offered: "application/json alone: a gaussian process has no ONNX form here" };
-    let file = onnx::model(&surrogate, &head.spec.name, &facts).ok_or(none)?;
+    let bounds = resolve::study(&head.spec)
+        .map_err(|_| ApiError::from(StoreError::Corrupt("the study's bounds".into())))?
+        .bounds;
+    let file = onnx::model(&surrogate, &bounds, &head.spec.name, &facts).ok_or(none)?;
     Ok(([(header::CONTENT_TYPE, ONNX)], file).into_response())
 }
 

@@ -64,6 +64,17 @@ fn run_prints_one_object_and_a_second_run_finds_it() {
     let again = outcome(folder.path(), &command);
     assert_eq!(one_object(&again), first);
     assert!(stderr(&again).contains("already done"), "{}", stderr(&again));
+    let quietly = outcome(folder.path(), &[&command[..], &["--quiet"]].concat());
+    assert_eq!((one_object(&quietly), stderr(&quietly)), (first, String::new()));
+}
+
+/// `manduca run quick --data quick`, twice: what a first run left is not the study.
+#[test]
+fn a_folder_of_the_name_of_a_built_in_study_is_no_study() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("quick")).unwrap();
+    let checked = outcome(folder.path(), &["study", "submit", "quick", "--dry-run", "--json"]);
+    assert_eq!(checked.status.code(), Some(0), "{}", stderr(&checked));
 }
 
 #[test]

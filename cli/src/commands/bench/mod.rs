@@ -3,7 +3,7 @@
 mod accuracy;
 mod memory;
 mod queue;
-mod samples;
+pub(super) mod samples;
 mod scaling;
 mod search;
 mod surrogate;

@@ -124,7 +124,7 @@ pub fn fit(
     let (Ok(outputs), Ok(ascents)) = (outputs.try_into(), ascents.try_into()) else {
         return Err(TrainError::Checkpoint("a process has four outputs"));
     };
-    let process = Process { bounds, points: samples.iter().map(|s| s.x).collect(), outputs };
+    let process = Process { bounds, points: samples.iter().map(|s| frame.inputs(&s.x)).collect(), outputs };
     let surrogate = Surrogate::of_process(frame, process).map_err(|_| TrainError::NotPositive { output: "weights" })?;
     let of = |indices: &[usize]| {
         let samples: Vec<Sample> = indices.iter().map(|&i| data.samples[i]).collect();
@@ -136,8 +136,9 @@ pub fn fit(
 
 /// One output of samples as the frame has it.
 fn labels(frame: &Frame, inputs: &Inputs, bounds: &crate::parameters::Bounds, samples: &[Sample], k: usize) -> Labels {
+    let given: Vec<Point> = samples.iter().map(|s| frame.inputs(&s.x)).collect();
     Labels {
-        inputs: samples.iter().flat_map(|s| inputs.of(bounds, &s.x)).collect(),
+        inputs: given.iter().flat_map(|x| inputs.of(bounds, x)).collect(),
         width: inputs.order.len(),
         even: inputs.even,
         sign: frame.is_mirrored().then_some(MIRROR_SIGNS[k]),
