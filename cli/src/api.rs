@@ -6,10 +6,13 @@ use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::network;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::task::SurrogateMessage;
-use manduca_protocol::view::{OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView};
+use manduca_protocol::view::{
+    JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView,
+};
 use manduca_protocol::watch::Explanation;
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use crate::exit::refused;
 
@@ -50,19 +53,30 @@ impl Api {
 
     /// All studies, the oldest first.
     pub async fn studies(&self) -> Result<Vec<StudySummary>, CallError> {
+        let mut all: Vec<StudySummary> = self.pages("/v1/studies").await?;
+        // Ids are made from the clock, so they sort by age.
+        all.sort_by_key(|study| study.id);
+        Ok(all)
+    }
+
+    /// All jobs of a study which succeeded.
+    pub async fn jobs_done(&self, id: StudyId) -> Result<Vec<JobView>, CallError> {
+        self.pages(&format!("/v1/studies/{id}/jobs?state=succeeded")).await
+    }
+
+    /// All pages of a list.
+    async fn pages<T: DeserializeOwned>(&self, path: &str) -> Result<Vec<T>, CallError> {
         let mut all = Vec::new();
         let mut cursor: Option<String> = None;
         loop {
-            let mut request = self.http.get("/v1/studies").query(&[("limit", PAGE)]);
+            let mut request = self.http.get(path).query(&[("limit", PAGE)]);
             if let Some(cursor) = &cursor {
                 request = request.query(&[("cursor", cursor)]);
             }
-            let page: Page<StudySummary> = http::call(request).await?;
+            let page: Page<T> = http::call(request).await?;
             all.extend(page.items);
             cursor = page.next_cursor;
             if cursor.is_none() {
-                // Ids are made from the clock, so they sort by age.
-                all.sort_by_key(|study: &StudySummary| study.id);
                 return Ok(all);
             }
         }

@@ -118,6 +118,9 @@ def look(visitor: Visitor) -> None:
     optima = page.locator("#tab")
     for text in ("simulated ± se", "P/L [W/N]", "paper", "KKT residual"):
         expect(optima).to_contain_text(text)
+    page.get_by_role("button", name="Compute").click()
+    expect(optima).to_contain_text(re.compile("Free, stroke plane is|knows no stroke in trim"))
+    visitor.open("Optima")
     shot(page, "optima")
 
 
@@ -215,6 +218,13 @@ def whole_story(browser: Browser, service: Service) -> None:
     page.get_by_role("link", name="Studies").click()
     expect(page.get_by_role("cell", name="succeeded")).to_be_visible()
     shot(page, "studies-dark")
+    page.get_by_role("link", name="Workers").click()
+    leave = page.get_by_role("button", name=re.compile("finish and leave"))
+    leave.click()
+    page.get_by_role("button", name="Let it leave").click()
+    expect(leave).to_have_count(0)
+    shot(page, "workers-dark")
+    page.get_by_role("link", name="Studies").click()
     visitor.is_content()
     study = page.get_by_role("link", name="browser").get_attribute("href")
     visitor.context.close()

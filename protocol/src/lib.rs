@@ -2,6 +2,7 @@
 //! one checked conversion ([`resolve`]) into what the science accepts.
 
 pub mod flight;
+pub mod front;
 pub mod history;
 pub mod ids;
 pub mod network;

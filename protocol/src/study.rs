@@ -284,6 +284,14 @@ impl OptimisationSpec {
         Self { method, ..self }
     }
 
+    /// One of the study's whole box, with all else as where nothing is said; for analyses of no named optimisation.
+    ///
+    /// # Errors
+    /// Never: what has a default is optional.
+    pub fn whole_box(clearance_margin_mm: f64) -> Result<Self, serde_json::Error> {
+        serde_json::from_value(serde_json::json!({ "name": "whole box", "clearance_margin_mm": clearance_margin_mm }))
+    }
+
     /// Whether its fitness is flown.
     pub fn is_direct(&self) -> bool {
         self.method == Method::Direct

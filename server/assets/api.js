@@ -54,7 +54,10 @@ async function ask(path, options) {
 }
 
 async function checked(answer) {
-  if (answer.ok) return answer.status === 204 ? null : answer.json();
+  if (answer.ok) {
+    const body = await answer.text();
+    return body ? JSON.parse(body) : null;
+  }
   let problem = null;
   try { problem = await answer.json(); } catch { /* not of the coordinator: a proxy perhaps */ }
   throw new Refusal(answer.status, problem);

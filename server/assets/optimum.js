@@ -72,10 +72,23 @@ function remarks(o) {
   if (o.optimum) said.push(`The wings keep ${fixed(o.optimum.clearance_mm, 2)} mm from the plane of symmetry.`);
   const known = o.optimum?.optimality;
   if (known) {
-    said.push(`${known.converged} of ${known.starts} descents converged, to ${known.optima.length} optima; ` +
+    said.push(`${known.converged} of ${known.starts} descents converged, to ${known.optima.length} ${known.optima.length === 1 ? "optimum" : "optima"}; ` +
       `KKT residual ${known.kkt_residual.toExponential(1)}, violation ${known.violation.toExponential(1)}.`);
   }
   return h("ul", { class: "small" }, said.map((line) => h("li", {}, line)));
+}
+
+/** Where the descents ended: how many, with what power, and the strokes. */
+function localOptima(known, parameters) {
+  if (!known || known.optima.length < 2) return null;
+  const rows = known.optima.map((o, i) => ({ ...o, number: i + 1 }));
+  return h("details", {}, h("summary", {}, `All ${rows.length} local optima of the surrogate`), table(null, [
+    ["Optimum", (o) => o.number],
+    ["P+", (o) => fixed(o.predicted.power, 4), true],
+    ["descents", (o) => whole(o.hits), true],
+    ...parameters.map((p) => [symbol(p), (o) => fixed(o.parameters[p.name], 2), true]),
+    ["clearance [mm]", (o) => fixed(o.clearance_mm, 2), true],
+  ], rows, true));
 }
 
 /** All optimisations of a study. */
@@ -93,7 +106,8 @@ export function optimaTab(id) {
       plots.push(convergence);
       return card(`${o.name} beside ${paper.title}`, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
         columns.length ? h("div", { class: "answer" }, meansTable(columns, paper, outputs),
-          h("div", { class: "grid" }, parametersTable(columns, paper, parameters), remarks(o))) : null,
+          h("div", { class: "grid" }, parametersTable(columns, paper, parameters), remarks(o)),
+          localOptima(o.optimum?.optimality, parameters)) : null,
         convergence.root);
     });
     root.replaceChildren(...cards);

@@ -11,6 +11,7 @@ import { throughputCard } from "./throughput.js";
 import { curveCard, errorsCard } from "./training.js";
 import { explorerCard } from "./explorer.js";
 import { optimaTab } from "./optimum.js";
+import { frontCard } from "./front.js";
 import { strokeTab } from "./stroke.js";
 
 /** Between two looks at a long job, whose progress is no event, ms. */
@@ -29,7 +30,10 @@ const TABS = {
   }],
   surrogate: ["Surrogate", (id) => grid(curveCard(id), errorsCard(id))],
   dataset: ["Dataset", (id) => explorerCard(id)],
-  optima: ["Optima", (id) => optimaTab(id)],
+  optima: ["Optima", (id) => {
+    const parts = [optimaTab(id), frontCard(id)];
+    return { root: h("div", {}, parts.map((part) => part.root)), update: (study) => parts.forEach((part) => part.update(study)) };
+  }],
   stroke: ["Stroke", (id) => strokeTab(id)],
 };
 

@@ -9,6 +9,7 @@ const STUDIES = [
   ["paper", "paper: 5000 strokes, 500 neurons, cases I and II"],
   ["five", "five: the paper's five-parameter case"],
   ["five-direct", "five-direct: the same by simulations alone"],
+  ["truth", "truth: strokes flown long, to judge a surrogate by"],
 ];
 
 /** A key under which a submission pressed twice is one study. */

@@ -1,7 +1,7 @@
 // The workers: who is there, how fast, and how often they failed.
 
-import { get } from "./api.js";
-import { badge, calm, card, fill, h, table } from "./dom.js";
+import { get, post } from "./api.js";
+import { badge, calm, card, confirmed, fill, h, table } from "./dom.js";
 import { digits, span, whole } from "./format.js";
 
 /** Over how long a worker's rate is taken, ms. */
@@ -20,6 +20,19 @@ export function workersPanel() {
     return now - first > 3000 ? (worker.completed - before) / ((now - first) / 1000) : null;
   };
   const state = (w) => (!w.alive ? "silent" : w.quarantined ? "set aside" : w.draining ? "draining" : w.leased ? "working" : "idle");
+  const told = h("div", { "aria-live": "polite" });
+  const drain = async (worker) => {
+    if (!(await confirmed(`${worker.name} is to finish what it has in hand, take nothing more, and leave?`, "Let it leave"))) return;
+    try {
+      await post(`/v1/workers/${worker.id}/drain`);
+      fill(told);
+    } catch (error) {
+      fill(told, h("p", { class: "fault" }, error.message));
+    }
+    update();
+  };
+  const leave = (w) => (w.alive && !w.draining
+    ? h("button", { type: "button", "aria-label": `Let ${w.name} finish and leave`, onclick: () => drain(w) }, "Drain") : "");
   const update = calm(async () => {
     let workers;
     try {
@@ -47,9 +60,10 @@ export function workersPanel() {
         ["Failed", (w) => (w.strikes ? `${w.failed} (${w.strikes} in a row)` : w.failed), true],
         ["Last heard of", (w) => (w.last_seen_s < 2 ? "now" : `${span(w.last_seen_s)} ago`), true],
         ["Arithmetic", (w) => w.level],
+        ["Leave", leave],
       ], workers, true));
   }, 1500);
-  return { body, update };
+  return { body: h("div", {}, body, told), update };
 }
 
 /** The page of all workers. */

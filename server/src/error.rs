@@ -8,8 +8,8 @@ use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 use crate::auth::Scope;
-use crate::look::QUEUE;
 use crate::store::StoreError;
+use crate::turn::QUEUE;
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -103,8 +103,8 @@ pub enum ApiError {
         /// The coordinator's.
         ours: &'static str,
     },
-    /// As many strokes wait to be flown as may.
-    #[error("{QUEUE} strokes wait to be flown already; try again")]
+    /// As many strokes and fronts wait to be computed as may.
+    #[error("{QUEUE} strokes or fronts wait to be computed already; try again")]
     Busy,
     /// The coordinator ends before it could answer.
     #[error("the coordinator is stopping; try again")]
@@ -160,7 +160,7 @@ impl ApiError {
                 (S::UPGRADE_REQUIRED, "protocol-version", "Another version of the exchange")
             }
             Self::SolverVersion { .. } => (S::CONFLICT, "solver-version", "Another version of the solver"),
-            Self::Busy => (S::TOO_MANY_REQUESTS, "busy", "Too many strokes wait"),
+            Self::Busy => (S::TOO_MANY_REQUESTS, "busy", "Too many wait"),
             Self::Stopping => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::TooManyWatchers { .. } => (S::SERVICE_UNAVAILABLE, "too-many-watchers", "Too many watchers"),

@@ -1,6 +1,6 @@
 //! The coordinator of manduca: it takes studies, leases their jobs to workers,
 //! keeps what they return and moves each study from stage to stage. It computes
-//! nothing itself but predictions of a trained network and the one stroke somebody looks at.
+//! nothing itself but predictions of a trained network, and the one stroke or front somebody looks at.
 //!
 //! [`run`] serves on a listener until told to stop; [`open`] and [`app`] are its
 //! two halves, so that tests start the real thing without a socket.
@@ -31,6 +31,7 @@ mod state;
 mod store;
 #[cfg(test)]
 mod tests;
+mod turn;
 
 pub use app::app;
 pub use auth::{Access, Scope, Scopes, Secret, TokenHash};

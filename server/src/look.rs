@@ -1,9 +1,5 @@
-//! A stroke flown for who looks at one: the only place where the coordinator flies, and
-//! bounded in every way. One flies at a time, a few wait, each costs no more than a limit,
-//! and the last answers are kept.
-
-use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+//! A stroke flown for who looks at one: the only place where the coordinator flies, in its turn
+//! (`turn.rs`) and at no more than a limit of work.
 
 use axum::body::Bytes;
 use manduca_numerics::history::{Recorder, Steps, StepsError, record_while};
@@ -14,15 +10,9 @@ use manduca_protocol::history::{AXES, HistoryRow, SENSE, SIDE, WakeStep};
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::{self, ResolvedModel};
 use manduca_protocol::task::{SimulateOutcome, SimulateTask};
-use tokio::sync::Semaphore;
-use tokio_util::sync::CancellationToken;
 
-use crate::error::ApiError;
+use crate::turn::Key;
 
-/// Strokes which wait for the one that flies.
-pub(crate) const QUEUE: usize = 8;
-/// Answers kept; one has at most some 4 MB.
-const KEPT: usize = 16;
 /// Most steps whose rings are answered.
 const MOST_STEPS: usize = 32;
 /// Most ring corners of one answer, some 60 bytes each.
@@ -58,8 +48,8 @@ impl Asked {
         }
     }
 
-    fn key(&self) -> Key {
-        (self.task.key(), self.wake)
+    pub(crate) fn key(&self) -> Key {
+        Key::Flight(self.task.key(), self.wake)
     }
 
     fn steps(&self) -> Steps {
@@ -71,7 +61,10 @@ impl Asked {
     }
 
     /// Flies it; none when told to stop.
-    fn fly(&self, on: &dyn Fn() -> bool) -> Result<Option<Bytes>, Failed> {
+    ///
+    /// # Errors
+    /// When there is no answer to what was accepted.
+    pub(crate) fn fly(&self, on: &dyn Fn() -> bool) -> Result<Option<Bytes>, Failed> {
         let simulation = self.model.simulation(&self.task.parameters);
         let Some((flown, recorder)) = record_while(&simulation, &self.steps(), on)? else { return Ok(None) };
         let outcome = SimulateOutcome::of(flown).ok_or(Failed::NonFinite)?;
@@ -120,81 +113,11 @@ fn too_much(model: &ResolvedModel, wake: Option<WakeChoice>, at: &str) -> Option
 
 /// Why a stroke which was accepted has no answer.
 #[derive(Debug, thiserror::Error)]
-enum Failed {
+pub(crate) enum Failed {
     #[error("the flight cannot be recorded")]
     Steps(#[from] StepsError),
     #[error("a mean is not finite")]
     NonFinite,
     #[error("the answer cannot be written")]
     Json(#[from] serde_json::Error),
-}
-
-type Key = ([u8; 32], Option<WakeChoice>);
-
-/// Strokes being flown and flown.
-#[derive(Debug)]
-pub(crate) struct Looks {
-    flying: Arc<Semaphore>,
-    places: Arc<Semaphore>,
-    answers: Mutex<VecDeque<(Key, Bytes)>>,
-}
-
-impl Default for Looks {
-    fn default() -> Self {
-        let (flying, places) = (Arc::new(Semaphore::new(1)), Arc::new(Semaphore::new(1 + QUEUE)));
-        Self { flying, places, answers: Mutex::default() }
-    }
-}
-
-impl Looks {
-    /// Flies what was asked for, unless it is known. A client which hangs up stops its flight,
-    /// and so does a coordinator which is `stopping`.
-    ///
-    /// # Errors
-    /// When too many wait, or the coordinator stops.
-    pub(crate) async fn at(&self, asked: Asked, stopping: &CancellationToken) -> Result<Bytes, ApiError> {
-        let key = asked.key();
-        if let Some(known) = self.known(&key) {
-            return Ok(known);
-        }
-        let place = self.places.clone().try_acquire_owned().map_err(|_| ApiError::Busy)?;
-        let turn = tokio::select! {
-            () = stopping.cancelled() => return Err(ApiError::Stopping),
-            turn = self.flying.clone().acquire_owned() => turn.map_err(|_| ApiError::Stopping)?,
-        };
-        // The same may have been asked for while this one waited.
-        if let Some(known) = self.known(&key) {
-            return Ok(known);
-        }
-        let stop = stopping.child_token();
-        let hung_up = stop.clone().drop_guard();
-        let flight = tokio::task::spawn_blocking(move || {
-            let flown = asked.fly(&|| !stop.is_cancelled());
-            // Held until the flight has ended, whoever still waits for it.
-            drop((place, turn));
-            flown
-        });
-        let flown = flight.await.map_err(|e| ApiError::Internal(Box::new(e)))?;
-        drop(hung_up);
-        let answer = flown.map_err(|e| ApiError::Internal(Box::new(e)))?.ok_or(ApiError::Stopping)?;
-        self.keep(key, answer.clone());
-        Ok(answer)
-    }
-
-    fn known(&self, key: &Key) -> Option<Bytes> {
-        let mut answers = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = answers.iter().position(|(known, _)| known == key)?;
-        // What is asked for again is forgotten last.
-        let entry = answers.remove(place)?;
-        answers.push_back(entry);
-        answers.back().map(|(_, answer)| answer.clone())
-    }
-
-    fn keep(&self, key: Key, answer: Bytes) {
-        let mut answers = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
-        answers.push_back((key, answer));
-        while answers.len() > KEPT {
-            answers.pop_front();
-        }
-    }
 }

@@ -12,11 +12,11 @@ use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
-use crate::look::Looks;
 use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::serve::ServerError;
 use crate::store::{Prune, Recover, Store, StoreError, Sweep};
+use crate::turn::Turns;
 
 /// An open coordinator. Clones share it; [`AppState::close`] ends it.
 #[derive(Clone)]
@@ -34,7 +34,7 @@ struct Inner {
     stopping: CancellationToken,
     tokens: Tokens,
     metrics: Arc<Metrics>,
-    looks: Looks,
+    turns: Turns,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -78,7 +78,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             stopping,
             tokens: Tokens::default(),
             metrics,
-            looks: Looks::default(),
+            turns: Turns::default(),
         }),
     })
 }
@@ -167,8 +167,8 @@ impl AppState {
     }
 
     /// Strokes flown here.
-    pub(crate) fn looks(&self) -> &Looks {
-        &self.inner.looks
+    pub(crate) fn turns(&self) -> &Turns {
+        &self.inner.turns
     }
 
     /// Told whenever jobs become ready.

@@ -7,12 +7,13 @@ use manduca_numerics::parameters::Bounds;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve;
 use manduca_protocol::task::{Estimate, SimulateOutcome};
-use manduca_protocol::view::{OptimumView, StudyView};
+use manduca_protocol::view::{JobRole, OptimumView, StudyView};
 use manduca_report::reproduction::{self, Effort, Five, Found, Optimum, Side, Study};
 
 use crate::api::Api;
 use crate::args::ReproductionArgs;
 use crate::output::note;
+use crate::progress::span;
 use crate::render;
 
 /// Fetches a study and writes its document.
@@ -74,7 +75,19 @@ async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
         facts.push(("errors".to_owned(), format!("rms on its test share: {lift:.4} {drag:.4} {moment:.4} {power:.4}")));
     }
     facts.push(("wall time".to_owned(), render::study::stages(&view.stages_s)));
+    let seconds = api.jobs_done(id).await?.iter().filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
+    facts.push(("all its jobs".to_owned(), format!("{} of one core", span(seconds))));
     Ok(Side { facts, optimum })
+}
+
+/// What computing the samples took on one core, and how many were there already.
+async fn cost(api: &Api, id: StudyId) -> Result<String> {
+    let jobs = api.jobs_done(id).await?;
+    let samples: Vec<_> = jobs.iter().filter(|job| job.role == JobRole::Sample).collect();
+    let seconds: f64 = samples.iter().filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
+    let cached = samples.iter().filter(|job| job.cached).count();
+    let shared = if cached > 0 { format!(", {cached} of them taken from an earlier study") } else { String::new() };
+    Ok(format!("{} of one core{shared}", span(seconds)))
 }
 
 async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, String)>> {
@@ -89,6 +102,7 @@ async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, 
         ("solver_version", manduca_numerics::simulation::SOLVER_VERSION.to_owned()),
         ("surrogate", serde_json::to_string(&spec.surrogate)?),
         ("wall time", render::study::stages(&view.stages_s)),
+        ("the samples' flights", cost(api, id).await?),
         ("cores of this document's searches", cores.to_string()),
     ];
     Ok(facts.map(|(name, value)| (name.to_owned(), value)).to_vec())

@@ -118,10 +118,11 @@ fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
         fixed(prices.clearance_per_mm, 4)
     ))?;
     out.line(format_args!(
-        "{} of {} descents converged, to {} optima; KKT residual {:.1e}, violation {:.1e}",
+        "{} of {} descents converged, to {} {}; KKT residual {:.1e}, violation {:.1e}",
         known.converged,
         known.starts,
         known.optima.len(),
+        if known.optima.len() == 1 { "optimum" } else { "optima" },
         known.kkt_residual,
         known.violation
     ))

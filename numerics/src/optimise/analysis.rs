@@ -7,6 +7,6 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use front::{FrontPoint, Side, front, held, whole_front};
+pub use front::{FrontPoint, Side, WholeFront, even_limits, front, held, whole_front};
 pub use indices::{Indices, indices};
 pub use sweep::{PenaltyRow, PopulationRow, Weight, penalty_sweep, population_sweep};

@@ -116,8 +116,8 @@ fn leaving(
     let ga = GaSettings { population: effort.population, generations: 100, seed: study.seed, ..GaSettings::default() };
     let rows = penalty_sweep(problem, &ga, &SimplexSettings::default(), (Weight::Bounds, &BOUNDS), power);
     document.paragraph(
-        "The weight s of leaving the box, with r = 2: where it is too small the search gains by leaving, and its fitness \
-         is below that of any stroke within.",
+        "The weight s of leaving the box, with r = 2. Where it is too small a search gains by leaving: a fitness below \
+         the exact optimum's would be that of a stroke outside.",
     );
     let mut table = Table::new(["s", "fitness", "penalty", "above the optimum"]);
     for row in rows.map_err(failed)? {

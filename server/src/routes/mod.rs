@@ -5,6 +5,7 @@ mod dataset;
 pub(crate) mod docs;
 mod events;
 mod exchange;
+mod front;
 mod health;
 mod jobs;
 pub(crate) mod openapi;
@@ -33,6 +34,7 @@ fn all() -> OpenApiRouter<AppState> {
         .merge(jobs::router())
         .merge(dataset::router())
         .merge(surrogate::router())
+        .merge(front::router())
         .merge(optimisations::router())
         .merge(optimum::router())
         .merge(simulations::router())

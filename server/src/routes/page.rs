@@ -64,7 +64,7 @@ static FILES: LazyLock<BTreeMap<&'static str, File>> = LazyLock::new(|| {
     let own = files!(
         "index.html" "style.css" "icon.svg" "main.js" "api.js" "dom.js" "format.js" "charts.js"
         "studies.js" "submit.js" "study.js" "stages.js" "workers.js" "failures.js" "throughput.js"
-        "training.js" "explorer.js" "optimum.js" "search.js" "stroke.js" "flight.js" "scene.js" "predictor.js"
+        "training.js" "explorer.js" "optimum.js" "front.js" "search.js" "stroke.js" "flight.js" "scene.js" "predictor.js"
         "vendor/plotly-strict-4.1.1.min.js.gz" "vendor/plotly-LICENSE"
     );
     let studies = [
@@ -72,6 +72,7 @@ static FILES: LazyLock<BTreeMap<&'static str, File>> = LazyLock::new(|| {
         ("studies/paper.toml", include_bytes!("../../../studies/paper.toml").as_slice()),
         ("studies/five.toml", include_bytes!("../../../studies/five.toml").as_slice()),
         ("studies/five-direct.toml", include_bytes!("../../../studies/five-direct.toml").as_slice()),
+        ("studies/truth.toml", include_bytes!("../../../studies/truth.toml").as_slice()),
     ];
     own.into_iter().chain(studies).map(|(name, body)| (name, File::new(name, body))).collect()
 });

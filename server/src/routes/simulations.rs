@@ -44,7 +44,7 @@ async fn fly(
     JsonBody(request): JsonBody<SimulationRequest>,
 ) -> Result<Response, ApiError> {
     let asked = asked(&state, request).await?;
-    let answer = state.looks().at(asked, state.stopping()).await?;
+    let answer = state.turns().take(asked.key(), state.stopping(), move |on| asked.fly(on)).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], answer).into_response())
 }
 

@@ -27,7 +27,7 @@ use crate::store::StoreError;
 const ONNX: &str = "application/onnx";
 /// Most points of one request.
 const MOST_POINTS: usize = 1000;
-const NOT_YET: ApiError = ApiError::NotYet("the study has no network yet");
+pub(super) const NOT_YET: ApiError = ApiError::NotYet("the study has no network yet");
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(show)).routes(routes!(model)).routes(routes!(predict))

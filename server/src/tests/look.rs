@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 
 use super::answers::study;
 use super::bench::{Answer, Bench};
-use crate::look::QUEUE;
+use crate::turn::QUEUE;
 
 /// A flight of a moment: at most 4 strokes of 40 steps.
 fn tiny() -> Value {

@@ -8,6 +8,7 @@ mod bench;
 mod checkpoints;
 mod dataset;
 mod direct;
+mod front;
 mod fuzz;
 mod http;
 mod long_poll;

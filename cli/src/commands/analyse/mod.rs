@@ -16,7 +16,7 @@ use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve::{self, ResolvedOptimisation};
 use manduca_protocol::study::OptimisationSpec;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use self::answer::Answer;
 use crate::api::Api;
@@ -62,16 +62,13 @@ impl Subject {
         let id = api.find(&args.study).await?;
         let view = api.study(id).await?;
         let study = resolve::study(&view.spec).map_err(|_| refused("the study is of another version"))?;
-        let mut spec = match &args.optimisation {
-            None => serde_json::from_value(json!({ "name": "whole box" }))?,
+        let spec = match &args.optimisation {
+            None => OptimisationSpec::whole_box(view.spec.sampling.clearance_margin_mm)?,
             Some(name) => {
                 let asked = view.spec.optimisations.iter().find(|o| o.name == *name).cloned();
                 asked.ok_or_else(|| refused(format!("study {id} has no optimisation `{name}`")))?
             }
         };
-        if args.optimisation.is_none() {
-            spec.clearance_margin_mm = view.spec.sampling.clearance_margin_mm;
-        }
         let seed = args.seed.unwrap_or(view.spec.seed);
         let how = resolve::optimisation(&spec, &study.bounds, seed)
             .map_err(|faults| refused(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")))?;

@@ -4,7 +4,9 @@ use std::ops::ControlFlow;
 
 use anyhow::{Context, Result};
 use manduca_numerics::optimise::GaSettings;
-use manduca_numerics::optimise::analysis::{FrontPoint, Side, Weight, penalty_sweep, population_sweep, whole_front};
+use manduca_numerics::optimise::analysis::{
+    FrontPoint, Side, Weight, even_limits, penalty_sweep, population_sweep, whole_front,
+};
 use manduca_numerics::optimise::sqp::{LocalOptimum, minimise};
 use manduca_numerics::parameters::TABLE;
 
@@ -24,14 +26,12 @@ pub fn front(subject: &Subject, args: &FrontArgs) -> Result<Answer> {
     if bounds.is_held(args.quantity) {
         return Err(refused(format!("{} is held at {lower}: there is no front", parameter.name)));
     }
-    let most = f64::from(args.points.saturating_sub(1));
-    let even = |i: u32| if i + 1 == args.points { upper } else { lower + (upper - lower) * f64::from(i) / most };
-    let limits = if args.limits.is_empty() { (0..args.points).map(even).collect() } else { args.limits.clone() };
+    let limits = if args.limits.is_empty() { even_limits((lower, upper), args.points) } else { args.limits.clone() };
     if let Some(limit) = limits.iter().find(|limit| !(lower..=upper).contains(*limit)) {
         return Err(refused(format!("limit {limit} of {} is outside {lower} to {upper}", parameter.name)));
     }
-    let (optimum, points) =
-        whole_front(&subject.flight(), &subject.how.sqp, args.quantity, &limits).context(NOT_IN_TRIM)?;
+    let front = whole_front(&subject.flight(), &subject.how.sqp, args.quantity, &limits, &|| true);
+    let (optimum, points) = front.context(NOT_IN_TRIM)?.context(NOT_IN_TRIM)?;
     let lead = format!("Least power against {}; free, it is {:.4}", parameter.name, optimum.point[args.quantity]);
     let mut answer = subject.answer("front", format!("{lead} with P+ = {:.5}", optimum.outputs[3]));
     answer.facts.insert("quantity".into(), parameter.name.into());

@@ -23,6 +23,9 @@ pub struct FrontPoint {
     pub optimum: Option<LocalOptimum>,
 }
 
+/// The optimum without a further bound, and a point with its side for each limit.
+pub type WholeFront = (LocalOptimum, Vec<(Side, FrontPoint)>);
+
 /// Least power against a bound of one parameter: the epsilon-constraint front (Haimes,
 /// Lasdon & Wismer 1971) of power and that parameter.
 ///
@@ -52,7 +55,8 @@ pub fn front(
 /// The whole front about the optimum: limits below its value bound the parameter from above,
 /// limits above it from below, so that every limit asks for something.
 ///
-/// Returns the optimum without a further bound, and a point with its side for each limit, in their order.
+/// Returns the optimum without a further bound, and a point with its side for each limit, in their order; none when
+/// `on`, asked before each search, said not to go on.
 ///
 /// # Errors
 /// As [`front`], and when no stroke of the box is in trim.
@@ -61,16 +65,30 @@ pub fn whole_front(
     settings: &SqpSettings,
     parameter: usize,
     limits: &[f64],
-) -> Result<(LocalOptimum, Vec<(Side, FrontPoint)>), OptimiseError> {
+    on: &dyn Fn() -> bool,
+) -> Result<Option<WholeFront>, OptimiseError> {
     let optimum = best(flight, settings)?.ok_or(OptimiseError::NothingConverged { starts: settings.starts })?;
-    let point = |&limit: &f64| {
+    let point = |limit: f64| {
         inside(flight, parameter, limit)?;
         let side = if limit < optimum.point[parameter] { Side::Upper } else { Side::Lower };
         let found = front(flight, settings, (parameter, side), &[limit])?.pop();
         Ok((side, found.unwrap_or(FrontPoint { limit, optimum: None })))
     };
-    let points = limits.iter().map(point).collect::<Result<_, _>>()?;
-    Ok((optimum, points))
+    let mut points = Vec::with_capacity(limits.len());
+    for &limit in limits {
+        if !on() {
+            return Ok(None);
+        }
+        points.push(point(limit)?);
+    }
+    Ok(Some((optimum, points)))
+}
+
+/// Limits evenly spread over a parameter's bounds, both among them.
+pub fn even_limits((lower, upper): (f64, f64), points: u32) -> Vec<f64> {
+    let most = f64::from(points.saturating_sub(1));
+    let even = |i: u32| if i + 1 == points { upper } else { lower + (upper - lower) * f64::from(i) / most };
+    (0..points).map(even).collect()
 }
 
 /// Least power with parameters held at values, `(place in the table, value)`; none where no

@@ -91,7 +91,9 @@ fn fronts_and_held_parameters_agree_with_the_optimum() {
     let powers: Vec<f64> = points.iter().map(|p| p.optimum.as_ref().unwrap().outputs[3]).collect();
     assert!((powers[0] - best.outputs[3]).abs() < 1e-8, "{powers:?}");
     assert!(powers[0] < powers[1] && powers[1] < powers[2], "{powers:?}");
-    let (free, whole) = whole_front(&flight, &settings, i, &limits[1..]).unwrap();
+    let (free, whole) = whole_front(&flight, &settings, i, &limits[1..], &|| true).unwrap().unwrap();
+    assert_eq!(whole_front(&flight, &settings, i, &limits[1..], &|| false), Ok(None));
+    assert_eq!(even_limits((1.0, 2.0), 3), [1.0, 1.5, 2.0]);
     assert_eq!(free, best);
     for ((found, limit), power) in whole.iter().zip(&limits[1..]).zip(&powers[1..]) {
         assert_eq!((found.0, found.1.limit), (side, *limit));
