@@ -33,7 +33,7 @@ mod products;
 mod projection;
 pub(crate) mod random;
 mod settings;
-mod sharpness;
+pub(crate) mod sharpness;
 mod train;
 #[cfg(test)]
 mod train_tests;

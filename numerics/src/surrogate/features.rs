@@ -98,6 +98,11 @@ impl Frame {
         }
     }
 
+    /// Whether K and C are given as the sharpness of their reversals.
+    pub fn is_sharp(&self) -> bool {
+        matches!(self, Self::Physical { sharpness: true, .. })
+    }
+
     /// What of a stroke the network is given.
     pub fn inputs(&self, x: &Point) -> Point {
         match self {

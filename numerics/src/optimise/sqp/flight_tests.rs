@@ -4,9 +4,9 @@ use super::*;
 use crate::insect::Insect;
 use crate::kinematics::{Clearance, ElevationPhase};
 use crate::optimise::OptimiseError;
-use crate::parameters::{Bounds, COUNT, Point};
-use crate::surrogate::Jacobian;
+use crate::parameters::{Bounds, COUNT, Point, at};
 use crate::surrogate::random_network;
+use crate::surrogate::{Features, Frame, Jacobian, Network, Surrogate};
 use std::ops::ControlFlow;
 
 fn go(_: &SqpProgress) -> ControlFlow<()> {
@@ -83,7 +83,7 @@ fn the_clearance_is_kept_and_has_its_price() {
 }
 
 /// Only the power of a network; trimmed everywhere.
-struct Power(crate::surrogate::Network);
+struct Power(Network);
 
 impl Differentiable for Power {
     fn jacobians_into(&self, xs: &[Point], out: &mut [Jacobian]) {
@@ -126,4 +126,39 @@ fn it_can_be_interrupted_and_refuses_nonsense() {
     let held = Known { bounds: still, slope: 0.0 };
     let flight = Flight { surrogate: &held, clearance: None, margin_m: 0.0, bounds: still };
     assert_eq!(minimise(&flight, &settings(9), &mut go), Err(OptimiseError::NothingConverged { starts: 9 }));
+}
+
+/// A surrogate of sharpness is searched in it: slopes are those by the coordinates, at a level shape too.
+#[test]
+fn a_surrogate_of_sharpness_is_searched_by_sharpness() {
+    let bounds = Bounds::default();
+    let frame = Frame::new(Features::Physical, &Insect::default(), &bounds);
+    let network = Network { bounds: frame.bounds(&bounds), ..random_network(12, 5) };
+    let surrogate = Surrogate::new(frame, vec![network]).unwrap();
+    let flight = Flight { surrogate: &surrogate, clearance: None, margin_m: 0.0, bounds };
+    let mut unit = [0.4; COUNT];
+    (unit[at::SWEEP_SHAPE], unit[at::ROTATION_SHAPE]) = (0.0, 1.0);
+    assert_eq!((flight.table(&unit)[at::SWEEP_SHAPE], flight.table(&unit)[at::ROTATION_SHAPE]), (0.0, 5.0));
+    for k in [0.0, 0.3, 1.0] {
+        unit[at::SWEEP_SHAPE] = k;
+        let (_, linear) = flight.linearise(&[unit]).remove(0);
+        let i = at::SWEEP_SHAPE;
+        let moved = |by: f64| {
+            let mut u = unit;
+            u[i] = k + by;
+            surrogate.predict(&flight.table(&u))[3]
+        };
+        let step = 1e-5;
+        let slope = match k {
+            0.0 => (moved(step) - moved(0.0)) / step,
+            1.0 => (moved(0.0) - moved(-step)) / step,
+            _ => (moved(step) - moved(-step)) / (2.0 * step),
+        };
+        assert!((linear.gradient[i] - slope).abs() < 1e-3 * (1.0 + slope.abs()), "{k}: {} {slope}", linear.gradient[i]);
+        assert!(slope.abs() > 1e-4, "level at {k}: {slope}");
+    }
+    // A bound's price is told per width of the box: at a level shape it is nothing.
+    unit[at::SWEEP_SHAPE] = 0.0;
+    let prices = flight.per_width(&unit, &[1.0; COUNT]);
+    assert!(prices[at::SWEEP_SHAPE] < 1e-4 && prices[at::FREQUENCY] == 1.0, "{prices:?}");
 }

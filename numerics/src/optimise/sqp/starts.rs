@@ -197,7 +197,7 @@ fn optimum(flight: &Flight<'_>, descent: &Descent) -> LocalOptimum {
         clearance_m: flight.clearance.map_or(f64::INFINITY, |c| c.of(&point)),
         multipliers: [price(0), price(1), price(2)],
         clearance_multiplier_per_mm: Flight::price_per_mm(&multipliers.inequalities),
-        bound_multipliers: multipliers.bounds,
+        bound_multipliers: flight.per_width(machine.point(), &multipliers.bounds),
         residual: machine.residual(),
         violation: machine.violation(),
         hits: 1,
