@@ -65,7 +65,7 @@ pub struct Flight<'a> {
 
 impl Flight<'_> {
     /// Linearises the problem at points in unit coordinates, in the order of `us`.
-    pub(super) fn linearise(&self, us: &[Point]) -> Vec<(Jacobian, Linear)> {
+    pub(super) fn linearise(&self, us: &[Point]) -> Vec<Linear> {
         let placed: Vec<(Point, Point)> = us.iter().map(|u| self.placed(u)).collect();
         let xs: Vec<Point> = placed.iter().map(|(x, _)| *x).collect();
         let mut found = vec![([0.0; 4], [[0.0; COUNT]; 4]); xs.len()];
@@ -76,7 +76,7 @@ impl Flight<'_> {
             if let Some(clearance) = self.clearance {
                 clearance.contacts(x, self.margin_m + FAR_M, &mut contacts);
             }
-            (jacobian, self.linear(&jacobian, &contacts, stretch))
+            self.linear(&jacobian, &contacts, stretch)
         })
         .collect()
     }
@@ -89,6 +89,13 @@ impl Flight<'_> {
             x[i] = shape_of(i, low + unit[i] * (high - low));
         }
         super::super::clamped(&self.bounds, &x)
+    }
+
+    /// What the surrogate says at a point in table units; descents were told of one beside it where a shape is 0.
+    pub(super) fn outputs(&self, point: &Point) -> [f64; 4] {
+        let mut found = [([0.0; 4], [[0.0; COUNT]; 4])];
+        self.surrogate.jacobians_into(std::slice::from_ref(point), &mut found);
+        found[0].0
     }
 
     /// Shapes which are searched by their sharpness.

@@ -141,7 +141,7 @@ fn a_surrogate_of_sharpness_is_searched_by_sharpness() {
     assert_eq!((flight.table(&unit)[at::SWEEP_SHAPE], flight.table(&unit)[at::ROTATION_SHAPE]), (0.0, 5.0));
     for k in [0.0, 0.3, 1.0] {
         unit[at::SWEEP_SHAPE] = k;
-        let (_, linear) = flight.linearise(&[unit]).remove(0);
+        let linear = flight.linearise(&[unit]).remove(0);
         let i = at::SWEEP_SHAPE;
         let moved = |by: f64| {
             let mut u = unit;
@@ -156,6 +156,12 @@ fn a_surrogate_of_sharpness_is_searched_by_sharpness() {
         };
         assert!((linear.gradient[i] - slope).abs() < 1e-3 * (1.0 + slope.abs()), "{k}: {} {slope}", linear.gradient[i]);
         assert!(slope.abs() > 1e-4, "level at {k}: {slope}");
+    }
+    // What is told of an optimum is so at the optimum itself.
+    let Ok(found) = minimise(&flight, &settings(60), &mut go) else { panic!("a network with strokes in trim") };
+    for optimum in &found.optima {
+        assert_eq!(optimum.outputs, surrogate.predict(&optimum.point), "{optimum:?}");
+        assert!(optimum.violation < 1e-8, "{optimum:?}");
     }
     // A bound's price is told per width of the box: at a level shape it is nothing.
     unit[at::SWEEP_SHAPE] = 0.0;

@@ -5,7 +5,6 @@ use super::machine::{Sqp, SqpStop};
 use crate::optimise::sobol::Sobol;
 use crate::optimise::{OptimiseError, check, free};
 use crate::parameters::{COUNT, Point};
-use crate::surrogate::Jacobian;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -96,13 +95,6 @@ pub struct SqpProgress {
     pub best: f64,
 }
 
-/// One descent and the outputs at its point.
-struct Descent {
-    machine: Sqp,
-    told: Jacobian,
-    here: Jacobian,
-}
-
 /// Finds the optima of a flight by descents from many starts.
 ///
 /// The observer hears of each wave of descents and may stop the search. The result
@@ -127,18 +119,18 @@ pub fn minimise(
     while ended < settings.starts && !interrupted {
         let until = settings.starts.min(ended + GROUP * WAVE);
         let groups: Vec<usize> = (ended..until).step_by(GROUP).collect();
-        let wave: Vec<Vec<Descent>> = groups
+        let wave: Vec<Vec<Sqp>> = groups
             .into_par_iter()
             .map(|first| {
                 let starts = (first..until.min(first + GROUP)).map(|i| start(&sequence, &free, i));
                 descend(flight, starts.collect(), settings)
             })
             .collect();
-        for descent in wave.into_iter().flatten() {
-            evaluations += descent.machine.evaluations();
-            if descent.machine.finished() == Some(SqpStop::Converged) {
+        for machine in wave.into_iter().flatten() {
+            evaluations += machine.evaluations();
+            if machine.finished() == Some(SqpStop::Converged) {
                 converged += 1;
-                merge(flight, &mut optima, optimum(flight, &descent));
+                merge(flight, &mut optima, optimum(flight, &machine));
             }
         }
         ended = until;
@@ -163,43 +155,37 @@ fn start(sequence: &Sobol, free: &[usize], i: usize) -> Point {
 }
 
 /// Descends from several starts at once.
-fn descend(flight: &Flight<'_>, starts: Vec<Point>, settings: &SqpSettings) -> Vec<Descent> {
+fn descend(flight: &Flight<'_>, starts: Vec<Point>, settings: &SqpSettings) -> Vec<Sqp> {
     let upper = std::array::from_fn(|i| if flight.bounds.is_held(i) { 0.0 } else { 1.0 });
-    let nothing = ([0.0; 4], [[0.0; COUNT]; 4]);
     let machine = |u| Sqp::new([0.0; COUNT], upper, u, settings.tolerance, settings.iterations);
-    let begin = |u| Descent { machine: machine(u), told: nothing, here: nothing };
-    let mut all: Vec<Descent> = starts.iter().map(begin).collect();
+    let mut all: Vec<Sqp> = starts.iter().map(machine).collect();
     loop {
-        let mut open: Vec<&mut Descent> = all.iter_mut().filter(|d| d.machine.finished().is_none()).collect();
+        let mut open: Vec<&mut Sqp> = all.iter_mut().filter(|machine| machine.finished().is_none()).collect();
         if open.is_empty() {
             return all;
         }
-        let asked: Vec<Point> = open.iter().map(|d| *d.machine.ask()).collect();
-        let told = flight.linearise(&asked);
-        for ((descent, (jacobian, linear)), asked) in open.iter_mut().zip(told).zip(asked) {
-            descent.told = jacobian;
-            descent.machine.tell(linear);
-            if *descent.machine.point() == asked {
-                descent.here = descent.told;
-            }
+        let asked: Vec<Point> = open.iter().map(|machine| *machine.ask()).collect();
+        for (machine, linear) in open.iter_mut().zip(flight.linearise(&asked)) {
+            machine.tell(linear);
         }
     }
 }
 
-fn optimum(flight: &Flight<'_>, descent: &Descent) -> LocalOptimum {
-    let machine = &descent.machine;
+fn optimum(flight: &Flight<'_>, machine: &Sqp) -> LocalOptimum {
     let point = flight.table(machine.point());
     let multipliers = machine.multipliers();
+    let outputs = flight.outputs(&point);
+    let off_trim = [outputs[0] - 1.0, outputs[1], outputs[2]].into_iter().fold(0.0, |most: f64, c| most.max(c.abs()));
     let price = |k: usize| multipliers.equalities.get(k).copied().unwrap_or(0.0);
     LocalOptimum {
         point,
-        outputs: descent.here.0,
+        outputs,
         clearance_m: flight.clearance.map_or(f64::INFINITY, |c| c.of(&point)),
         multipliers: [price(0), price(1), price(2)],
         clearance_multiplier_per_mm: Flight::price_per_mm(&multipliers.inequalities),
         bound_multipliers: flight.per_width(machine.point(), &multipliers.bounds),
         residual: machine.residual(),
-        violation: machine.violation(),
+        violation: machine.violation().max(off_trim),
         hits: 1,
     }
 }
