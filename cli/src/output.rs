@@ -65,6 +65,11 @@ impl Output {
     }
 }
 
+/// A number of things: `1 job`, `2 jobs`.
+pub fn counted(count: u64, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Whether a cell is a number, perhaps with its error or unit, or stands for one which is missing.
 fn is_number(cell: &str) -> bool {
     cell == "-" || cell.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit())

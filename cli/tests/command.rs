@@ -6,6 +6,8 @@
 mod cost;
 #[path = "command/histories.rs"]
 mod histories;
+#[path = "command/operate.rs"]
+mod operate;
 
 use std::fs;
 use std::path::Path;

@@ -13,6 +13,7 @@ pub mod proxy;
 #[cfg(target_os = "linux")]
 pub mod shim;
 pub mod studies;
+pub mod tls;
 
 pub use manduca_numerics::simulation::SOLVER_VERSION;
 

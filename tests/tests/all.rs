@@ -28,6 +28,9 @@ mod remote;
 // The commands which need none: `run` and `simulate`.
 #[path = "all/run.rs"]
 mod run;
+// Tokens, and TLS by a reverse proxy.
+#[path = "all/secure.rs"]
+mod secure;
 // Rules of the house, checked on the sources themselves.
 #[path = "all/tidy.rs"]
 mod tidy;

@@ -38,6 +38,9 @@ pub struct BackupArgs {
     pub file: PathBuf,
     #[command(flatten)]
     pub data: Data,
+    /// Print one JSON object: the file and its size.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca db check`.
@@ -110,6 +113,9 @@ pub struct DrainArgs {
     pub all: bool,
     #[command(flatten)]
     pub coordinator: Coordinator,
+    /// Print one JSON array of the workers asked, as they were.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca explain`.

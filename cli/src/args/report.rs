@@ -79,4 +79,7 @@ pub struct ReportArgs {
     /// Folder of the document and of its `figures`.
     #[arg(short, long, value_name = "DIR", default_value = "docs")]
     pub output: PathBuf,
+    /// Print one JSON object: the files written.
+    #[arg(long)]
+    pub json: bool,
 }

@@ -39,6 +39,9 @@ pub struct CreateTokenArgs {
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
     pub data: PathBuf,
+    /// Print one JSON object: name, scopes and the token.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca token list`.
@@ -61,4 +64,7 @@ pub struct RevokeTokenArgs {
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
     pub data: PathBuf,
+    /// Print one JSON object: the name.
+    #[arg(long)]
+    pub json: bool,
 }

@@ -9,7 +9,7 @@ use super::serve::DATABASE;
 use super::token::{open, told};
 use crate::args::{BackupArgs, CheckArgs, DbCommand, PruneArgs};
 use crate::exit::refused;
-use crate::output::{Output, note};
+use crate::output::{Output, counted, note};
 
 /// Does what was asked for.
 pub async fn db(command: DbCommand) -> Result<ExitCode> {
@@ -35,7 +35,12 @@ async fn backup(args: BackupArgs) -> Result<ExitCode> {
     let mut database = existing(&args.data.data).await?;
     database.backup(&args.file).await.map_err(told)?;
     database.close().await;
-    note(format_args!("written and checked: {}", args.file.display()));
+    if args.json {
+        let bytes = std::fs::metadata(&args.file)?.len();
+        Output::stdout().json(&serde_json::json!({ "file": args.file, "bytes": bytes }))?;
+    } else {
+        note(format_args!("written and checked: {}", args.file.display()));
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -68,12 +73,13 @@ async fn prune(args: PruneArgs) -> Result<ExitCode> {
     }
     let head = ["study", "name", "jobs"].map(str::to_owned);
     let jobs: u64 = removed.iter().map(|study| study.jobs).sum();
-    let count = removed.len();
+    let studies = if removed.len() == 1 { "study" } else { "studies" };
+    let told = format!("{} {studies} with {}", removed.len(), counted(jobs, "job"));
     let rows: Vec<_> = removed.into_iter().map(|s| vec![s.study, s.name, s.jobs.to_string()]).collect();
     if !rows.is_empty() {
         out.table(&head, &rows)?;
     }
     let verb = if args.dry_run { "would be removed" } else { "removed" };
-    out.line(format_args!("{count} studies with {jobs} jobs {verb}"))?;
+    out.line(format_args!("{told} {verb}"))?;
     Ok(ExitCode::SUCCESS)
 }

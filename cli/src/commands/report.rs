@@ -27,8 +27,13 @@ pub async fn report(command: &ReportCommand) -> Result<ExitCode> {
 }
 
 pub(super) fn write(args: &ReportArgs, report: Report) -> Result<ExitCode> {
+    let files = report.write(&args.output).with_context(|| format!("cannot write to {}", args.output.display()))?;
     let mut out = Output::stdout();
-    for path in report.write(&args.output).with_context(|| format!("cannot write to {}", args.output.display()))? {
+    if args.json {
+        out.json(&serde_json::json!({ "files": files }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    for path in files {
         out.line(path.display())?;
     }
     Ok(ExitCode::SUCCESS)

@@ -37,7 +37,13 @@ async fn create(args: CreateTokenArgs) -> Result<ExitCode> {
     let mut database = open(&args.data).await?;
     let secret = database.create_token(&args.name, args.scope.iter().copied().collect()).await.map_err(told)?;
     database.close().await;
-    Output::stdout().line(secret.reveal())?;
+    let mut out = Output::stdout();
+    if args.json {
+        let scopes: Vec<_> = args.scope.iter().map(ToString::to_string).collect();
+        out.json(&serde_json::json!({ "name": args.name, "scopes": scopes, "token": secret.reveal() }))?;
+    } else {
+        out.line(secret.reveal())?;
+    }
     note(format_args!("token `{}` made; it is shown this once and stored nowhere", args.name));
     Ok(ExitCode::SUCCESS)
 }
@@ -62,6 +68,10 @@ async fn revoke(args: RevokeTokenArgs) -> Result<ExitCode> {
     let mut database = open(&args.data).await?;
     database.revoke_token(&args.name).await.map_err(told)?;
     database.close().await;
-    note(format_args!("token `{}` allows nothing any more", args.name));
+    if args.json {
+        Output::stdout().json(&serde_json::json!({ "name": args.name, "revoked": true }))?;
+    } else {
+        note(format_args!("token `{}` allows nothing any more", args.name));
+    }
     Ok(ExitCode::SUCCESS)
 }

@@ -8,7 +8,7 @@ use manduca_protocol::view::WorkerView;
 
 use crate::args::{DrainArgs, ExplainArgs, WorkerListArgs, WorkersCommand};
 use crate::exit::refused;
-use crate::output::{Output, note};
+use crate::output::{Output, counted, note};
 
 /// Does what was asked for.
 pub async fn workers(command: WorkersCommand) -> Result<ExitCode> {
@@ -64,7 +64,10 @@ async fn drain(args: DrainArgs) -> Result<ExitCode> {
     }
     for worker in &workers {
         api.drain(worker.id).await?;
-        note(format_args!("worker `{}` finishes {} jobs and leaves", worker.name, worker.leased));
+        note(format_args!("worker `{}` finishes {} and leaves", worker.name, counted(worker.leased, "job")));
+    }
+    if args.json {
+        Output::stdout().json(&workers)?;
     }
     Ok(ExitCode::SUCCESS)
 }

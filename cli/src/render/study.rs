@@ -9,7 +9,7 @@ use manduca_protocol::task::Optimality;
 use manduca_protocol::view::{OptimumResult, SearchView, StageSeconds, StudyResult};
 
 use super::{dash, estimate, estimates, fixed, parameter_rows, scaled};
-use crate::output::Output;
+use crate::output::{Output, counted};
 use crate::progress::span;
 
 /// Gap of prediction and simulation, scaled, from which on an optimum is to be doubted.
@@ -151,7 +151,8 @@ pub fn trimmed(search: &SearchView) -> Option<String> {
 pub fn refinement(search: &SearchView) -> String {
     let Standing { rounds, simulations, .. } = &search.standing;
     let ended = search.ended.as_deref().unwrap_or("it goes on");
-    format!("refined by {simulations} simulations in {rounds} round{}: {ended}", if *rounds == 1 { "" } else { "s" })
+    let (flown, rounds) = (counted((*simulations).into(), "simulation"), counted((*rounds).into(), "round"));
+    format!("refined by {flown} in {rounds}: {ended}")
 }
 
 /// An optimum is worth what the network knew there, and the re-simulation tells.

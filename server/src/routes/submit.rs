@@ -45,11 +45,14 @@ struct SubmitParams {
         SubmitParams,
         ("Idempotency-Key" = Option<String>, Header, description = "Makes a repeated submission find the first"),
     ),
-    request_body(content = StudySpec, example = json!({
-        "name": "quick", "seed": 1, "parameters": { "frequency_hz": [20.0, 35.0], "elevation_amplitude_deg": 0.0 },
-        "sampling": { "samples": 500 }, "surrogate": { "neurons": 40 },
-        "optimisations": [{ "name": "case-I" }],
-    })),
+    request_body(content(
+        (StudySpec = "application/json", example = json!({
+            "name": "quick", "seed": 1, "parameters": { "frequency_hz": [20.0, 35.0], "elevation_amplitude_deg": 0.0 },
+            "sampling": { "samples": 500 }, "surrogate": { "neurons": 40 },
+            "optimisations": [{ "name": "case-I" }],
+        })),
+        (StudySpec = "application/toml", example = json!("name = \"quick\"\nseed = 1\n\n[sampling]\nsamples = 500\n")),
+    )),
     responses(
         (status = 201, body = StudyView, headers(("Location" = String))),
         (status = 200, description = "Submitted before under this key, or a dry run", body = DryRun),

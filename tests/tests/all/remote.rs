@@ -6,7 +6,7 @@ use std::process::Output;
 use manduca_tests::client::Client;
 use manduca_tests::coordinator::{Coordinator, text};
 use manduca_tests::program::manduca;
-use manduca_tests::studies::{blades, endless};
+use manduca_tests::studies::{blades, endless, lattice};
 use serde_json::{Value, json};
 
 /// Runs a command against a coordinator to its end.
@@ -104,6 +104,25 @@ fn a_study_is_steered_from_the_command_line() {
         assert_eq!(output.status.code(), Some(2), "{wrong:?}: {errors}");
         assert!(errors.to_lowercase().contains(why), "{wrong:?}: {errors}");
     }
+}
+
+#[test]
+fn the_doctor_and_the_drain_tell_scripts_what_they_found_and_did() {
+    let coordinator = Coordinator::start();
+    let mut worker = coordinator.worker("only");
+    coordinator.submit(&lattice("drain", 31, 400));
+    coordinator.wait_for_lease("only");
+    let findings = object(&coordinator, &["doctor", "--data", "data"]);
+    let found = findings.as_array().unwrap().iter().map(|f| (text(&f["what"]), text(&f["verdict"])));
+    let found: Vec<_> = found.filter(|(_, verdict)| verdict == "well").map(|(what, _)| what).collect();
+    for what in ["program", "compute slot", "database", "coordinator", "token", "clocks"] {
+        assert!(found.iter().any(|f| f == what), "{what}: {findings}");
+    }
+    let drained = object(&coordinator, &["workers", "drain", "only"]);
+    assert_eq!((drained[0]["name"].as_str(), drained.as_array().unwrap().len()), (Some("only"), 1));
+    assert_eq!(worker.exit_code(), Some(0), "a drained worker leaves well");
+    let unknown = command(&coordinator, &["workers", "drain", "other", "--json"]);
+    assert_eq!((unknown.status.code(), unknown.stdout.len()), (Some(2), 0));
 }
 
 #[test]
