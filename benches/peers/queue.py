@@ -128,7 +128,7 @@ def postgresql(args):
                 time.sleep(0.05)
             psql = shutil.which("psql") or bin_ / "psql"
             found = {}
-            for batch, clients in [(1, 64), (16, 16), (100, 8)]:
+            for batch, clients in [(1, 64), (16, 64), (100, 8)]:
                 run(psql, *at, "-q", "postgres", input=(CASES / "postgresql.sql").read_text())
                 turns = max(1, args.jobs // (batch * clients))
                 script = (CASES / "pgbench.sql").read_text().replace("BATCH", str(batch))

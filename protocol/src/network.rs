@@ -2,12 +2,12 @@
 //! shape; one of the wrong shape would panic deep inside, so it is checked here.
 
 use manduca_numerics::parameters::Bounds;
-use manduca_numerics::surrogate::process::AscentStop;
+use manduca_numerics::surrogate::process::{AscentStop, Climbed};
 use manduca_numerics::surrogate::{Checkpoint, Epoch, Frame, Member, Network, Process, ProcessOutput, Stop, Surrogate};
 
 use crate::task::{
-    BoundsMessage, EpochMessage, FrameMessage, MemberMessage, NetworkMessage, ProcessMessage, ProcessOutputMessage,
-    SurrogateMessage, TrainCheckpoint,
+    AscentMessage, BoundsMessage, EpochMessage, FitCheckpoint, FrameMessage, MemberMessage, NetworkMessage,
+    ProcessMessage, ProcessOutputMessage, SurrogateMessage, TrainCheckpoint,
 };
 
 impl From<&Bounds> for BoundsMessage {
@@ -156,14 +156,38 @@ pub fn stopped(stop: Stop) -> &'static str {
     STOPS.iter().find(|(s, _)| *s == stop).map_or("", |(_, told)| told)
 }
 
+/// What the reasons for an ascent to end are called.
+const ENDS: [(AscentStop, &str); 4] = [
+    (AscentStop::Flat, "the likelihood no longer rose"),
+    (AscentStop::MaxIterations, "all iterations were made"),
+    (AscentStop::Stuck, "no step made the samples likelier"),
+    (AscentStop::Interrupted, "interrupted"),
+];
+
 /// Why the search of a gaussian process's numbers ended, as it is told.
 pub fn climbed(stop: AscentStop) -> &'static str {
-    match stop {
-        AscentStop::Flat => "the likelihood no longer rose",
-        AscentStop::MaxIterations => "all iterations were made",
-        AscentStop::Stuck => "no step made the samples likelier",
-        AscentStop::Interrupted => "interrupted",
-    }
+    ENDS.iter().find(|(s, _)| *s == stop).map_or("", |(_, told)| told)
+}
+
+/// The ended ascents of a fit as they travel.
+pub fn fit_message(ended: &[Climbed]) -> FitCheckpoint {
+    let ascent = |c: &Climbed| AscentMessage {
+        ascent: count(c.ascent),
+        at: c.at.clone(),
+        iterations: count(c.iterations),
+        stopped: climbed(c.stop).into(),
+    };
+    FitCheckpoint { ascents: ended.iter().map(ascent).collect() }
+}
+
+/// The ended ascents of a message; one which makes no sense is left out, and is made again.
+pub fn fit(message: &FitCheckpoint) -> Vec<Climbed> {
+    let ascent = |a: &AscentMessage| {
+        let (stop, _) = ENDS.iter().find(|(_, told)| *told == a.stopped)?;
+        let (ascent, iterations) = (a.ascent as usize, a.iterations as usize);
+        Some(Climbed { ascent, at: a.at.clone(), iterations, stop: *stop })
+    };
+    message.ascents.iter().filter_map(ascent).collect()
 }
 
 /// A checkpoint as it travels.

@@ -10,8 +10,8 @@ use crate::study::ModelSpec;
 
 pub use crate::optimum::{GenerationMessage, LocalOptimum, Optimality, OptimiseResult, OptimiseTask, Prices};
 pub use crate::training::{
-    EpochMessage, ErrorsMessage, FrameMessage, MemberMessage, NetworkMessage, ProcessMessage, ProcessOutputMessage,
-    SurrogateMessage, TrainCheckpoint, TrainResult, TrainSample, TrainTask,
+    AscentMessage, EpochMessage, ErrorsMessage, FitCheckpoint, FrameMessage, MemberMessage, NetworkMessage,
+    ProcessMessage, ProcessOutputMessage, SurrogateMessage, TrainCheckpoint, TrainResult, TrainSample, TrainTask,
 };
 
 /// Kind of a job.
@@ -84,8 +84,10 @@ pub struct BoundsMessage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Checkpoint {
-    /// Of a training.
+    /// Of a training of networks.
     Train(Box<TrainCheckpoint>),
+    /// Of the fit of a gaussian process.
+    Fit(FitCheckpoint),
 }
 
 /// What a job returns.

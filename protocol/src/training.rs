@@ -35,6 +35,9 @@ pub struct TrainTask {
     /// Where an earlier attempt stood.
     #[serde(default)]
     pub checkpoint: Option<Box<TrainCheckpoint>>,
+    /// Where an earlier attempt stood at the fit of a gaussian process.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Box<FitCheckpoint>>,
 }
 
 /// A trained network: inputs to [0, 1] by their bounds, one sigmoid layer, linear outputs.
@@ -141,6 +144,26 @@ pub struct TrainCheckpoint {
     pub curve: Vec<EpochMessage>,
     /// The present network's best state.
     pub best: NetworkMessage,
+}
+
+/// The fit of a gaussian process after some of its ascents: another worker goes on from it to the same bits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FitCheckpoint {
+    /// The ascents which have ended.
+    pub ascents: Vec<AscentMessage>,
+}
+
+/// An ascent to the likeliest lengths, amplitude and noise of an output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AscentMessage {
+    /// Which of the fit's, from 0.
+    pub ascent: u32,
+    /// Logarithms of lengths, amplitude and noise at its end.
+    pub at: Vec<f64>,
+    /// Iterations made.
+    pub iterations: u32,
+    /// Why it ended.
+    pub stopped: String,
 }
 
 /// One iteration of the training.

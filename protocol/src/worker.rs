@@ -7,7 +7,7 @@ use crate::ids::{JobId, StudyId, WorkerId};
 use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
-pub const PROTOCOL_VERSION: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 3;
 /// Oldest version of the exchange a coordinator of this code still takes.
 pub const OLDEST_PROTOCOL_VERSION: u32 = 1;
 /// Most items in any list of an exchange.

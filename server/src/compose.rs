@@ -5,9 +5,7 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::{ResolvedOptimisation, ResolvedStudy};
 use manduca_protocol::search::{FlownMessage, SearchState, SearchTask};
 use manduca_protocol::study::{ModelKind, OptimisationSpec, StudySpec};
-use manduca_protocol::task::{
-    OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainCheckpoint, TrainSample, TrainTask,
-};
+use manduca_protocol::task::{Checkpoint, OptimiseTask, SimulateTask, SurrogateMessage, Task, TrainSample, TrainTask};
 use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
 
@@ -69,8 +67,13 @@ pub(crate) fn train_task(
     spec: &StudySpec,
     study: &ResolvedStudy,
     dataset: Vec<TrainSample>,
-    checkpoint: Option<Box<TrainCheckpoint>>,
+    checkpoint: Option<Checkpoint>,
 ) -> Task {
+    let (checkpoint, fit) = match checkpoint {
+        Some(Checkpoint::Train(at)) => (Some(at), None),
+        Some(Checkpoint::Fit(at)) => (None, Some(Box::new(at))),
+        None => (None, None),
+    };
     Task::Train(TrainTask {
         surrogate: spec.surrogate.clone(),
         seed: spec.seed,
@@ -78,6 +81,7 @@ pub(crate) fn train_task(
         dataset,
         model: spec.model.clone(),
         checkpoint,
+        fit,
     })
 }
 

@@ -2,6 +2,7 @@
 //! more exact than networks, and it needs no share of them to say when to stop.
 
 mod ascent;
+mod climbs;
 mod fit;
 mod kernel;
 mod likelihood;
@@ -9,7 +10,8 @@ mod likelihood;
 mod tests;
 
 pub use ascent::AscentStop;
-pub use fit::{Ascent, FitProgress, MOST_POINTS, ProcessFit, fit};
+pub use climbs::{Climbed, FitProgress};
+pub use fit::{Ascent, MOST_POINTS, ProcessFit, fit};
 
 use self::kernel::{Packed, Slopes, Values};
 use super::features::Frame;

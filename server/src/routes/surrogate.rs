@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::task::{Scaled, SurrogateMessage};
+use manduca_protocol::task::{Checkpoint, Scaled, SurrogateMessage};
 use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
 use manduca_protocol::{network, resolve};
 use serde::Deserialize;
@@ -43,8 +43,11 @@ async fn show(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<J
     if let Some(done) = state.store().surrogate_of(study).await? {
         return Ok(Json(done));
     }
-    let under_way = state.store().checkpoint_of(study).await?;
-    under_way.map(|at| Json(running(*at))).ok_or(NOT_YET)
+    match state.store().checkpoint_of(study).await? {
+        Some(Checkpoint::Train(at)) => Ok(Json(running(*at))),
+        // The fit of a gaussian process has no curve.
+        Some(Checkpoint::Fit(_)) | None => Err(NOT_YET),
+    }
 }
 
 #[derive(Debug, Deserialize, IntoParams)]

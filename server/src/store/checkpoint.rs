@@ -1,6 +1,6 @@
 //! Where long jobs stand, so that another attempt can go on.
 
-use manduca_protocol::task::{Checkpoint, TrainCheckpoint};
+use manduca_protocol::task::Checkpoint;
 use manduca_protocol::worker::Renewal;
 
 use super::{Store, StoreError, Work, body};
@@ -41,7 +41,7 @@ pub(super) async fn save(work: &mut Work<'_>, renewal: &PreparedRenewal) -> Resu
 
 impl Store {
     /// Where a study's training stands, while it has not ended.
-    pub(crate) async fn checkpoint_of(&self, study: i64) -> Result<Option<Box<TrainCheckpoint>>, StoreError> {
+    pub(crate) async fn checkpoint_of(&self, study: i64) -> Result<Option<Checkpoint>, StoreError> {
         let stored: Option<Vec<u8>> = sqlx::query_scalar(
             "select c.body from jobs as j join checkpoints as c on c.job = j.job
              where j.study = ? and j.role = 'train' and j.ordinal = 0",
@@ -50,7 +50,6 @@ impl Store {
         .fetch_optional(self.readers())
         .await?;
         // What another version of this code has written is of no use, and no harm.
-        let parsed = stored.and_then(|stored| body::parse::<Checkpoint>(stored).ok());
-        Ok(parsed.map(|Checkpoint::Train(at)| at))
+        Ok(stored.and_then(|stored| body::parse(stored).ok()))
     }
 }

@@ -1,5 +1,6 @@
 //! Where a training stands, told and taken up.
 
+use manduca_protocol::worker::Lease;
 use serde_json::{Value, json};
 
 use super::answers::{completion, result, study, trained};
@@ -15,16 +16,44 @@ fn checkpoint(iterations: usize) -> Value {
             "curve": curve, "best": network })
 }
 
+/// A renewal with a checkpoint.
+fn at(lease: &Lease, checkpoint: Value) -> Value {
+    json!({ "renew": [{ "job": lease.job, "attempt": lease.attempt, "checkpoint": checkpoint }] })
+}
+
+/// A study whose samples are flown, with its training leased.
+async fn training(bench: &Bench, worker: &str, spec: &Value) -> (String, Lease) {
+    let study = bench.submit(spec).await;
+    let samples = bench.claim(worker, 20).await;
+    let results: Vec<_> = samples.iter().map(|l| completion(l, result(l))).collect();
+    bench.exchange(worker, json!({ "complete": results })).await;
+    (study, bench.claim(worker, 1).await.remove(0))
+}
+
+#[tokio::test]
+async fn the_fit_of_a_process_is_taken_up_where_it_was_lost() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("w").await;
+    let mut spec = study(20, &[]);
+    spec["surrogate"] = json!({ "kind": "gaussian-process" });
+    let (study, first) = training(&bench, &worker, &spec).await;
+    let ascent = json!({ "ascent": 0, "at": [0.5, -1.0], "iterations": 9, "stopped": "no step" });
+    let told = json!({ "kind": "fit", "ascents": [ascent] });
+    bench.exchange(&worker, at(&first, told)).await;
+    assert_eq!(bench.get(&format!("{study}/surrogate")).await.status.as_u16(), 404, "a fit has no curve to show");
+    bench.fail(&worker, &first, "the machine went down").await;
+    bench.pass(10.0).await;
+    let second = bench.claim(&worker, 1).await.remove(0);
+    let task = bench.get(&format!("/v1/jobs/{}/task", second.job)).await.json();
+    assert_eq!((&task["fit"]["ascents"], &task["checkpoint"]), (&json!([ascent]), &Value::Null));
+}
+
 #[tokio::test]
 async fn a_checkpoint_is_kept_until_its_job_ends() {
     let bench = Bench::open().await;
     let worker = bench.worker("w").await;
-    let study = bench.submit(&study(20, &[])).await;
-    let samples = bench.claim(&worker, 20).await;
-    let results: Vec<_> = samples.iter().map(|l| completion(l, result(l))).collect();
-    bench.exchange(&worker, json!({ "complete": results })).await;
-    let first = bench.claim(&worker, 1).await.remove(0);
-    let renewal = |lease: &manduca_protocol::worker::Lease, iterations| json!({ "renew": [{ "job": lease.job, "attempt": lease.attempt, "checkpoint": checkpoint(iterations) }] });
+    let (study, first) = training(&bench, &worker, &study(20, &[])).await;
+    let renewal = |lease: &Lease, iterations| at(lease, checkpoint(iterations));
     bench.exchange(&worker, renewal(&first, 1)).await;
     bench.exchange(&worker, renewal(&first, 3)).await;
     // A renewal without one keeps the last.

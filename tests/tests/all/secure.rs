@@ -65,7 +65,8 @@ fn behind_tls_a_study_needs_the_right_tokens_and_the_right_certificate() {
     let doctor = ["doctor", "--coordinator", &url, "--data", "nowhere", "--json"];
     let found = trusting(&certificate, &ada, &doctor).output().unwrap();
     let findings: Value = serde_json::from_slice(&found.stdout).unwrap();
-    let verdict = |what: &str| findings.as_array().unwrap().iter().find(|f| f["what"] == what).unwrap()["verdict"].clone();
+    let verdict =
+        |what: &str| findings.as_array().unwrap().iter().find(|f| f["what"] == what).unwrap()["verdict"].clone();
     assert_eq!((verdict("coordinator"), verdict("token")), (json!("well"), json!("well")), "{findings}");
 
     // A token which is ended lets nobody in any more, the worker at work included.

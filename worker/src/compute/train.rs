@@ -6,7 +6,7 @@ use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_numerics::surrogate::process::{self, FitProgress};
 use manduca_numerics::surrogate::{self, Checkpoint, Dataset, Errors, Sample, TrainError, TrainSettings, Training};
 use manduca_protocol::study::SurrogateKind;
-use manduca_protocol::task::{self, ErrorsMessage, Progress, TrainResult, TrainTask};
+use manduca_protocol::task::{self, ErrorsMessage, FitCheckpoint, Progress, TrainResult, TrainTask};
 use manduca_protocol::{network, resolve};
 
 use super::{ComputeError, Listener, bounds, finite, scaled};
@@ -20,7 +20,7 @@ pub(super) fn train(task: &TrainTask, listener: &mut dyn Listener) -> Result<Tra
     let bounds = bounds(&task.bounds);
     let data = Dataset { samples: &samples, bounds: &bounds, insect: &insect };
     if task.surrogate.kind == SurrogateKind::GaussianProcess {
-        return fit(&data, &settings, listener);
+        return fit(&data, &settings, task.fit.as_deref(), listener);
     }
     let start = task.checkpoint.as_ref().and_then(|at| network::checkpoint(at).ok());
     let training = match run(&data, &settings, start, listener) {
@@ -31,15 +31,24 @@ pub(super) fn train(task: &TrainTask, listener: &mut dyn Listener) -> Result<Tra
     result(&training.map_err(|e| ComputeError::Failed(e.to_string()))?)
 }
 
-/// The likeliest gaussian process. It is begun again where it was lost: it takes a minute or two.
-fn fit(data: &Dataset<'_>, settings: &TrainSettings, listener: &mut dyn Listener) -> Result<TrainResult, ComputeError> {
-    let mut hear = |at: &FitProgress| {
-        let (done, total) = (at.ended as u64, at.ascents as u64);
+/// The likeliest gaussian process, after the ascents which an earlier attempt has ended.
+fn fit(
+    data: &Dataset<'_>,
+    settings: &TrainSettings,
+    start: Option<&FitCheckpoint>,
+    listener: &mut dyn Listener,
+) -> Result<TrainResult, ComputeError> {
+    let mut hear = |at: &FitProgress<'_>| {
+        let (done, total) = (at.ascent as u64, at.ascents as u64);
         let note = format!("iteration {}, log likelihood {:.1}", at.iteration, at.likelihood);
         listener.progress(Progress { done, total, note });
+        if !at.ended.is_empty() {
+            listener.checkpoint(&|| task::Checkpoint::Fit(network::fit_message(at.ended)));
+        }
         ControlFlow::Continue(())
     };
-    let found = process::fit(data, settings, &mut hear).map_err(|e| ComputeError::Failed(e.to_string()))?;
+    let start = start.map(network::fit).unwrap_or_default();
+    let found = process::fit(data, settings, start, &mut hear).map_err(|e| ComputeError::Failed(e.to_string()))?;
     Ok(TrainResult {
         surrogate: (&found.surrogate).into(),
         curve: Vec::new(),
@@ -120,6 +129,7 @@ mod tests {
     struct All {
         progress: Vec<Progress>,
         checkpoints: Vec<TrainCheckpoint>,
+        fits: Vec<FitCheckpoint>,
     }
 
     impl Listener for All {
@@ -128,8 +138,10 @@ mod tests {
         }
 
         fn checkpoint(&mut self, make: &dyn Fn() -> task::Checkpoint) {
-            let task::Checkpoint::Train(at) = make();
-            self.checkpoints.push(*at);
+            match make() {
+                task::Checkpoint::Train(at) => self.checkpoints.push(*at),
+                task::Checkpoint::Fit(at) => self.fits.push(at),
+            }
         }
     }
 
@@ -152,6 +164,7 @@ mod tests {
             dataset: (0..samples).map(sample).collect(),
             model: ModelSpec::default(),
             checkpoint: None,
+            fit: None,
         }
     }
 
@@ -194,6 +207,14 @@ mod tests {
         assert_eq!((result.best_iterations.len(), result.test.count), (4, 12));
         assert!(result.test.rmse.lift < 0.01 && result.test.rmse.pitch_moment < 0.02, "{:?}", result.test);
         assert!(!heard.progress.is_empty() && heard.checkpoints.is_empty());
+
+        let left = heard.fits.iter().find(|at| at.ascents.len() == 3).unwrap();
+        task.fit = Some(Box::new(left.clone()));
+        let mut after = All::default();
+        assert_eq!(train(&task, &mut after).unwrap(), result);
+        assert_eq!(after.progress[0].done, 3);
+        task.fit.as_mut().unwrap().ascents[1].stopped = "for a reason not known here".into();
+        assert_eq!(train(&task, &mut All::default()).unwrap(), result);
     }
 
     #[test]

@@ -99,7 +99,7 @@ fn process_row(insect: &Insect, known: &[Sample], unknown: &[Sample], features: 
     let bounds = hull(known);
     let start = Instant::now();
     let data = Dataset { samples: known, bounds: &bounds, insect };
-    let found = process::fit(&data, &settings, &mut |_| ControlFlow::Continue(()))?;
+    let found = process::fit(&data, &settings, Vec::new(), &mut |_| ControlFlow::Continue(()))?;
     Ok(Row {
         features: features_name,
         method: "gaussian-process",

@@ -25,7 +25,7 @@ use load::Run;
 use process::Coordinator;
 
 /// Jobs in an exchange, and clients which exchange at the same time.
-const CASES: [(u32, usize); 3] = [(1, 64), (16, 16), (100, 8)];
+const CASES: [(u32, usize); 3] = [(1, 64), (16, 64), (100, 8)];
 /// Most jobs of one run.
 const MOST: u64 = 20_000;
 

@@ -1,6 +1,7 @@
 //! The likeliest process of samples.
 
-use super::ascent::{AscentStop, Top, climb};
+use super::ascent::{AscentStop, Top};
+use super::climbs::{Climbed, Climbs, FitProgress};
 use super::kernel::Inputs;
 use super::likelihood::Labels;
 use super::{Process, ProcessOutput};
@@ -20,8 +21,8 @@ const JUDGES: usize = 1000;
 const FEW: usize = 250;
 /// First ascents of each output.
 const STARTS: u64 = 4;
-/// Most iterations of an ascent.
-const MOST_ITERATIONS: usize = 60;
+/// Ascents of each output: the first ones, and one from the best end.
+const PER_OUTPUT: usize = STARTS as usize + 1;
 /// Streams of the seed: which samples judge, and where ascents start.
 const JUDGE_STREAM: u64 = 3;
 const START_STREAM: u64 = 16;
@@ -31,19 +32,6 @@ const LENGTHS: (f64, f64) = (0.05, 50.0);
 const AMPLITUDES: (f64, f64) = (0.05, 50.0);
 /// Noises looked at, over the labels' spread: below the first the matrix is singular to working precision.
 const NOISES: (f64, f64) = (1e-4, 1.0);
-
-/// Where a fit stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FitProgress {
-    /// Ascents ended, of all outputs.
-    pub ended: usize,
-    /// Ascents of the whole fit.
-    pub ascents: usize,
-    /// Iterations of the present one.
-    pub iteration: usize,
-    /// Logarithm of the likelihood it has reached, but for a constant.
-    pub likelihood: f64,
-}
 
 /// How the numbers of one output were found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +62,8 @@ pub struct ProcessFit {
 }
 
 /// Fits a process to samples: all but the test share, for it needs none to say when to stop.
+/// Ascents which an earlier fit of the same samples and settings has told as ended are not
+/// made again; the result is the same.
 ///
 /// Lengths, amplitude and noise of each output are the likeliest, searched from several
 /// random points by a few of the samples and then, from the best end, by at most 1000.
@@ -86,7 +76,8 @@ pub struct ProcessFit {
 pub fn fit(
     data: &Dataset<'_>,
     settings: &TrainSettings,
-    observe: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+    ended: Vec<Climbed>,
+    observe: &mut dyn FnMut(&FitProgress<'_>) -> ControlFlow<()>,
 ) -> Result<ProcessFit, TrainError> {
     let split = checked_split(data.samples, data.bounds, settings)?;
     let mut known: Vec<usize> = split.train.iter().chain(&split.validation).copied().collect();
@@ -103,14 +94,11 @@ pub fn fit(
     if inputs.order.is_empty() {
         return Err(TrainError::NothingFree);
     }
+    let mut climbs = Climbs { ascents: OUTPUTS.len() * PER_OUTPUT, ended, observe };
     let (mut outputs, mut ascents) = (Vec::new(), Vec::new());
     for (k, (output, ..)) in OUTPUTS.iter().enumerate() {
         let labels = labels(&frame, &inputs, &bounds, &samples, k);
-        let mut tell = |ended: usize, iteration, likelihood| {
-            let all = STARTS as usize + 1;
-            observe(&FitProgress { ended: all * k + ended, ascents: 4 * all, iteration, likelihood })
-        };
-        let top = likeliest(&labels, &order, settings.seed, k, &mut tell)?;
+        let top = likeliest(&labels, &order, settings.seed, k, &mut climbs)?;
         let solved = labels.solve(&top.at).ok_or(TrainError::NotPositive { output })?;
         let mut lengths: Point = [1.0; COUNT];
         for (&i, l) in inputs.order.iter().zip(&top.at) {
@@ -153,7 +141,7 @@ fn likeliest(
     order: &[usize],
     seed: u64,
     output: usize,
-    tell: &mut dyn FnMut(usize, usize, f64) -> ControlFlow<()>,
+    climbs: &mut Climbs<'_>,
 ) -> Result<Top, TrainError> {
     let spread = labels.spread();
     // Labels which are all the same have nothing but rounding.
@@ -172,7 +160,7 @@ fn likeliest(
         // Lengths between half the box and four of it; an amplitude and a noise as labels may have.
         let mut at: Vec<f64> = (0..labels.width).map(|_| ln(8.0) * uniform(&mut rng)).collect();
         at.extend([ln(spread * (1.0 + 2.0 * uniform(&mut rng))), ln(spread * 0.02)]);
-        let found = climb(&few, at, &bounds, MOST_ITERATIONS, &mut |i, l| tell(start as usize, i, l));
+        let found = climbs.climb(PER_OUTPUT * output + start as usize, &few, at, &bounds);
         let better = |top: &Top| best.as_ref().is_none_or(|b| top.solved.likelihood > b.solved.likelihood);
         best = found.filter(better).or(best);
     }
@@ -182,5 +170,5 @@ fn likeliest(
         return Ok(first);
     }
     let judges = labels.some(&order[..JUDGES.min(order.len())]);
-    climb(&judges, first.at, &bounds, MOST_ITERATIONS, &mut |i, l| tell(STARTS as usize, i, l)).ok_or(not_positive)
+    climbs.climb(PER_OUTPUT * output + STARTS as usize, &judges, first.at, &bounds).ok_or(not_positive)
 }

@@ -38,7 +38,36 @@ fn fitted(samples: &[Sample], features: Features) -> ProcessFit {
     let (bounds, insect) = (Bounds::default(), Insect::default());
     let data = Dataset { samples, bounds: &bounds, insect: &insect };
     let settings = TrainSettings { features, seed: 4, ..TrainSettings::default() };
-    fit(&data, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
+    fit(&data, &settings, Vec::new(), &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn a_fit_goes_on_where_an_earlier_one_was_lost() {
+    let (bounds, insect, frame) = (Bounds::default(), Insect::default(), frame(Features::Physical));
+    let all = samples(&frame, 320, 0.01);
+    let data = Dataset { samples: &all, bounds: &bounds, insect: &insect };
+    let settings = TrainSettings { features: Features::Physical, seed: 4, ..TrainSettings::default() };
+    let mut left = Vec::new();
+    let whole = fit(&data, &settings, Vec::new(), &mut |at| {
+        if at.ascent == 7 && at.iteration == 2 {
+            left = at.ended.to_vec();
+        }
+        ControlFlow::Continue(())
+    });
+    assert_eq!(left.iter().map(|c| c.ascent).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6]);
+    let begun = |left: Vec<Climbed>| {
+        let mut first = None;
+        let found = fit(&data, &settings, left, &mut |at| {
+            first.get_or_insert(at.ascent);
+            ControlFlow::Continue(())
+        });
+        (found, first)
+    };
+    assert_eq!(begun(left.clone()), (whole.clone(), Some(7)));
+    // What cannot be an end of these ascents is no help and no harm.
+    left.iter_mut().for_each(|c| c.at[0] = f64::NAN);
+    left[3].at.pop();
+    assert_eq!(begun(left), (whole, Some(0)));
 }
 
 #[test]
@@ -155,7 +184,7 @@ fn what_is_no_process_is_refused() {
     let mut constant = all.clone();
     constant.iter_mut().for_each(|s| s.y = [0.0; 4]);
     let data = Dataset { samples: &constant, bounds: &bounds, insect: &insect };
-    assert!(fit(&data, &TrainSettings::default(), &mut |_| ControlFlow::Continue(())).is_err());
+    assert!(fit(&data, &TrainSettings::default(), Vec::new(), &mut |_| ControlFlow::Continue(())).is_err());
     let good = fitted(&all, Features::Physical).surrogate;
     let of = |change: &dyn Fn(&mut Process)| {
         let mut process = good.process().unwrap().clone();

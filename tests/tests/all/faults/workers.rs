@@ -1,13 +1,16 @@
 //! Workers which stop and go on, and workers which die again and again.
 
+use std::process::Command;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::{JoinHandle, sleep, spawn};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use manduca_tests::chance::Chance;
 use manduca_tests::client::Client;
 use manduca_tests::coordinator::Coordinator;
 use manduca_tests::process::Process;
+use manduca_tests::program::manduca;
+use manduca_tests::shim::Shim;
 use manduca_tests::studies::lattice;
 use manduca_tests::wait_for;
 use serde_json::{Value, json};
@@ -65,6 +68,42 @@ fn a_worker_stopped_past_its_lease_is_fenced_off() {
     assert_once(&coordinator, &id);
     assert_eq!(coordinator.dataset(&id, "text/csv"), done, "a late result changed the dataset");
     assert_eq!([done], *undisturbed(&[study]));
+}
+
+#[test]
+fn steps_of_a_workers_clock_end_no_lease_and_change_no_duration() {
+    let study = lattice("clock", 33, u32::try_from(times(200, 2000)).unwrap());
+    let coordinator = Coordinator::start_serving(&["--lease", &lease()]);
+    let shim = Shim::new(&coordinator.folder().join("unwatched"), coordinator.folder());
+    let url = coordinator.url();
+    let mut command = manduca(&["worker", "--coordinator", &url, "--slots", "1", "--name", "jumpy"]);
+    command.envs(shim.environment(false));
+    let worker = Process::start(command, coordinator.folder(), "jumpy");
+    // A process under the shim does see another time.
+    shim.set("clock 3600");
+    let seen = Command::new("date").arg("+%s").envs(shim.environment(false)).output().unwrap();
+    let seen: u64 = String::from_utf8(seen.stdout).unwrap().trim().parse().unwrap();
+    assert!(seen > SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs() + 3000);
+
+    let id = coordinator.submit(&study);
+    coordinator.wait_for_lease("jumpy");
+    let mut steps = 0;
+    while coordinator.study(&id)["state"] == "sampling" {
+        shim.set(["clock 3600", "clock -3600", ""][steps % 3]);
+        steps += 1;
+        sleep(Duration::from_millis(times(40, 400)));
+    }
+    shim.set("");
+    coordinator.wait_until_succeeded(&id);
+    assert!(steps >= 6, "the clock was set {steps} times only: nothing was shown");
+    for job in coordinator.jobs(&id) {
+        let wall_s = job["provenance"]["wall_s"].as_f64();
+        assert!(wall_s.is_some_and(|s| (0.0..600.0).contains(&s)), "{job}");
+        // More attempts are told with the reason of the last one.
+        assert!(job["attempt"] == 1, "{job}\n{}", worker.said());
+    }
+    println!("{steps} steps of a worker's clock by an hour, every job done at its first attempt");
+    assert_eq!([coordinator.dataset(&id, "text/csv")], *undisturbed(&[study]));
 }
 
 /// A job whose worker was killed.
