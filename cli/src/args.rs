@@ -196,8 +196,8 @@ pub struct ServeArgs {
     /// asked to renew three times as often.
     #[arg(long, value_name = "SECONDS", default_value_t = 15.0, value_parser = lease)]
     pub lease: f64,
-    /// Failures and expired leases after which a job is given up. On a network which loses many
-    /// answers each loss costs an attempt: three may be too few there.
+    /// Failures after which a job is given up. Workers which are lost do not count: a job is given
+    /// up with the tenth that dies of it.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub max_attempts: u32,
 }

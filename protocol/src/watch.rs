@@ -61,6 +61,9 @@ pub struct Explanation {
     pub lease: Option<LeaseView>,
     /// Attempts which failed.
     pub failures: u32,
+    /// Workers which were lost with it.
+    #[serde(default)]
+    pub losses: u32,
     /// Why the last one did, or why the stroke is infeasible.
     pub last_failure: Option<String>,
     /// Slots of all workers which may be given jobs.

@@ -19,8 +19,10 @@ pub struct Config {
     pub lease: Duration,
     /// How often workers are asked to renew.
     pub renew: Duration,
-    /// Failures (expiries among them) after which a job is given up.
+    /// Failures after which a job is given up.
     pub max_attempts: u32,
+    /// Workers lost with a job after which it is given up.
+    pub max_losses: u32,
     /// Wait after the first failure; each further one waits four times as long.
     pub backoff: Duration,
     /// Longest wait after a failure.
@@ -72,6 +74,7 @@ impl Config {
             lease: Duration::from_secs(15),
             renew: Duration::from_secs(5),
             max_attempts: 3,
+            max_losses: 10,
             backoff: Duration::from_secs(1),
             max_backoff: Duration::from_secs(60),
             strikes: 5,

@@ -21,7 +21,14 @@ use std::time::{Duration, Instant};
 
 /// When a test is given up as hung. No test measures time; this only ends one
 /// which would never end by itself.
-pub const DEADLINE: Duration = Duration::from_secs(240);
+pub fn deadline() -> Duration {
+    Duration::from_secs(if is_long() { 1800 } else { 240 })
+}
+
+/// Whether faults are to be tried in their long form (`MANDUCA_FAULTS=long`).
+pub fn is_long() -> bool {
+    std::env::var("MANDUCA_FAULTS").is_ok_and(|form| form == "long")
+}
 
 /// How often something is looked at which cannot be waited for.
 const GLANCE: Duration = Duration::from_millis(15);
@@ -29,14 +36,14 @@ const GLANCE: Duration = Duration::from_millis(15);
 /// Looks again and again until there is something to see.
 ///
 /// # Panics
-/// After [`DEADLINE`], saying what was waited for.
+/// After [`deadline`], saying what was waited for.
 pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let started = Instant::now();
+    let (started, deadline) = (Instant::now(), deadline());
     loop {
         if let Some(seen) = look() {
             return seen;
         }
-        assert!(started.elapsed() < DEADLINE, "gave up waiting for {what}");
+        assert!(started.elapsed() < deadline, "gave up waiting for {what}");
         std::thread::sleep(GLANCE);
     }
 }

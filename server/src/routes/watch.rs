@@ -80,6 +80,7 @@ async fn explain(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Js
         waits_s: at.waits_s,
         lease: at.lease,
         failures: at.failures,
+        losses: at.losses,
         last_failure: at.reason,
         slots: workers.slots,
     }))
@@ -122,7 +123,10 @@ fn reasons(at: &Circumstances, ahead: Option<u64>, slots: u64, max_attempts: u32
         }),
         JobState::Infeasible => told.push(format!("it is answered: the stroke cannot be flown ({why})")),
         JobState::Dead => {
-            told.push(format!("it was given up after {} failures, the last: {why}", at.failures));
+            told.push(format!(
+                "it was given up after {} failures and {} lost workers, the last time: {why}",
+                at.failures, at.losses
+            ));
             told.push("`retry-failed` gives its study's dead jobs another set of attempts".into());
         }
         JobState::Cancelled => told.push("it was cancelled with its study".into()),

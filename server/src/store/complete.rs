@@ -47,6 +47,7 @@ pub(super) struct JobRow {
     pub(super) state: JobState,
     pub(super) attempt: u32,
     pub(super) failures: u32,
+    pub(super) losses: u32,
     pub(super) worker: Option<Vec<u8>>,
     pub(super) key: Option<Vec<u8>>,
 }
@@ -67,6 +68,7 @@ struct RawJob {
     state: String,
     attempt: i64,
     failures: i64,
+    losses: i64,
     worker: Option<Vec<u8>>,
     key: Option<Vec<u8>>,
 }
@@ -80,7 +82,7 @@ pub(super) async fn find_job(db: &mut SqliteConnection, job: JobId) -> Result<Op
 pub(super) async fn find_jobs(db: &mut SqliteConnection, jobs: &[JobId]) -> Result<HashMap<JobId, JobRow>, StoreError> {
     let jobs = serde_json::to_string(jobs).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     let rows: Vec<RawJob> = sqlx::query_as(
-        "select j.job, j.study, s.id, j.role, j.state, j.attempt, j.failures, j.worker, j.key
+        "select j.job, j.study, s.id, j.role, j.state, j.attempt, j.failures, j.losses, j.worker, j.key
          from json_each(?) as d cross join jobs as j on j.job = d.value cross join studies as s on s.study = j.study",
     )
     .bind(jobs)
@@ -98,6 +100,7 @@ fn row(raw: RawJob) -> Result<JobRow, StoreError> {
         state: named(&raw.state)?,
         attempt: unsigned(raw.attempt)?,
         failures: unsigned(raw.failures)?,
+        losses: unsigned(raw.losses)?,
         worker: raw.worker,
         key: raw.key,
     })

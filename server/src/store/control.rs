@@ -163,7 +163,7 @@ async fn revive_dead(db: &mut SqliteConnection, study: i64, role: JobRole) -> Re
         return Ok(0);
     }
     let revived = sqlx::query(
-        "update jobs set state = 'ready', failures = 0, worker = null
+        "update jobs set state = 'ready', failures = 0, losses = 0, worker = null
          where state = 'dead' and study = ? and role = ?",
     )
     .bind(study)

@@ -51,22 +51,24 @@ pub(super) enum Cause<'r> {
     Expired(&'r str),
 }
 
-/// Counts a failure of a leased job. After the last one the job is dead; before, it
-/// waits longer from one to the next, since what failed may be the machine. A lease
-/// which expired has been waited for: its job is ready at once.
+/// Counts a failure of a leased job, or the loss of its worker. After the last one the
+/// job is dead; before, it waits longer from one failure to the next, since what failed
+/// may be the machine. A lease which expired has been waited for: its job is ready at
+/// once, and it is given up much later, since it is hardly ever the job which takes its
+/// worker away.
 pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause<'_>) -> Result<(), StoreError> {
     let (reason, expired) = match cause {
         Cause::Failed(reason) => (reason, false),
         Cause::Expired(reason) => (reason, true),
     };
-    let failures = job.failures + 1;
-    let dead = failures >= work.config.max_attempts;
+    let (failures, losses) = (job.failures + u32::from(!expired), job.losses + u32::from(expired));
+    let dead = failures >= work.config.max_attempts || losses >= work.config.max_losses;
     let (state, not_before) = match (dead, expired) {
         (true, _) => ("dead", None),
         (false, true) => ("ready", None),
         (false, false) => ("delayed", Some(work.now + work.config.backoff_ms(failures))),
     };
-    set_failed(work, job, state, failures, not_before, reason).await?;
+    set_failed(work, &JobRow { failures, losses, ..job.clone() }, state, not_before, reason).await?;
     work.events.push(Event::Failed {
         study: job.study_id,
         job: job.job,
@@ -85,16 +87,16 @@ async fn set_failed(
     work: &mut Work<'_>,
     job: &JobRow,
     state: &'static str,
-    failures: u32,
     not_before: Option<i64>,
     reason: &str,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "update jobs set state = ?, failures = ?, not_before_ms = ?, reason = ?, lease_until_ms = null, progress = null
+        "update jobs set state = ?, failures = ?, losses = ?, not_before_ms = ?, reason = ?, lease_until_ms = null, progress = null
          where job = ?",
     )
     .bind(state)
-    .bind(failures)
+    .bind(job.failures)
+    .bind(job.losses)
     .bind(not_before)
     .bind(reason)
     .bind(job.job.0)

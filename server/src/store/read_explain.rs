@@ -15,6 +15,7 @@ pub(crate) struct Circumstances {
     pub(crate) state: JobState,
     pub(crate) condition: Condition,
     pub(crate) failures: u32,
+    pub(crate) losses: u32,
     pub(crate) reason: Option<String>,
     /// Until a delayed job may be leased, s.
     pub(crate) waits_s: Option<f64>,
@@ -29,6 +30,7 @@ struct Raw {
     state: String,
     condition: String,
     failures: i64,
+    losses: i64,
     reason: Option<String>,
     not_before_ms: Option<i64>,
     worker: Option<Vec<u8>>,
@@ -47,7 +49,7 @@ impl Store {
         config: &Config,
     ) -> Result<Circumstances, StoreError> {
         let raw: Option<Raw> = sqlx::query_as(
-            "select s.id, j.role, j.state, s.condition, j.failures, j.reason, j.not_before_ms, j.worker, w.name,
+            "select s.id, j.role, j.state, s.condition, j.failures, j.losses, j.reason, j.not_before_ms, j.worker, w.name,
                     j.leased_ms, j.lease_until_ms, j.result_of
              from jobs as j join studies as s on s.study = j.study left join workers as w on w.id = j.worker
              where j.job = ?",
@@ -74,6 +76,7 @@ impl Store {
             state,
             condition: named(&raw.condition)?,
             failures: unsigned(raw.failures)?,
+            losses: unsigned(raw.losses)?,
             reason: raw.reason,
             waits_s: raw.not_before_ms.map(|at| seconds((at - now).max(0))),
             lease,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
+use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, Request, StatusCode};
 use manduca_protocol::worker::{ExchangeResponse, Lease};
@@ -56,6 +57,8 @@ impl Answer {
 /// A coordinator, its clock and its folder.
 pub(super) struct Bench {
     pub(super) state: AppState,
+    /// All its routes: made once, for most of the making is that of their document.
+    pub(super) router: Router,
     clock: Arc<HandClock>,
     folder: TempDir,
 }
@@ -72,7 +75,7 @@ impl Bench {
         let mut config = config(&folder);
         change(&mut config);
         let state = open_with_clock(config, clock.clone()).await.expect("opens");
-        Self { state, clock, folder }
+        Self { router: app(state.clone()), state, clock, folder }
     }
 
     /// Where its database is.
@@ -86,7 +89,7 @@ impl Bench {
         let Self { clock, folder, .. } = self;
         clock.0.fetch_add(after.as_millis() as i64, Ordering::SeqCst);
         let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens again");
-        Self { state, clock, folder }
+        Self { router: app(state.clone()), state, clock, folder }
     }
 
     /// Lets time pass and what is due happen.
@@ -96,7 +99,7 @@ impl Bench {
     }
 
     pub(super) async fn send(&self, request: Request<Body>) -> Answer {
-        let response = app(self.state.clone()).oneshot(request).await.expect("answers");
+        let response = self.router.clone().oneshot(request).await.expect("answers");
         let (parts, body) = response.into_parts();
         let body = axum::body::to_bytes(body, usize::MAX).await.expect("a body");
         Answer { status: parts.status, headers: parts.headers, body }

@@ -18,7 +18,6 @@ use tower::ServiceExt;
 
 use super::answers;
 use super::bench::Bench;
-use crate::app;
 use change::{Change, changes, mutated};
 
 /// Cases on one database, which would grow for ever else.
@@ -104,7 +103,7 @@ impl Target {
         let request = self.request(case);
         let Some(request) = request else { return Ok(0) };
         let told = format!("{} {}", request.method(), request.uri());
-        let response = app(self.bench.state.clone()).oneshot(request).await.map_err(|e| e.to_string())?;
+        let response = self.bench.router.clone().oneshot(request).await.map_err(|e| e.to_string())?;
         let status = response.status().as_u16();
         // A stream of events does not end.
         if !told.contains("/v1/events") {
@@ -235,7 +234,10 @@ fn fuzz(runtime: &Runtime, cases: u32, seed: u32, seen: &RefCell<Seen>) {
         Err(why) => Err(TestCaseError::fail(why)),
     });
     match tried {
-        Ok(()) => runtime.block_on(target.bench.check_counts()),
+        Ok(()) => runtime.block_on(async {
+            target.bench.check_counts().await;
+            target.bench.state.close().await;
+        }),
         Err(TestError::Fail(why, case)) => {
             let sent = (!case.reads).then(|| {
                 let (path, fine) = &target.posts[case.route.index(target.posts.len())];

@@ -10,7 +10,6 @@ use tower::ServiceExt;
 
 use super::answers::{completion, infeasible, result, study};
 use super::bench::Bench;
-use crate::app;
 
 /// A study with 20 samples flown, after two which cannot be.
 async fn sampled(bench: &Bench, worker: &str) -> String {
@@ -151,7 +150,7 @@ async fn changes_are_told_as_they_happen_until_the_coordinator_stops() {
     let first = bench.submit(&study(20, &[])).await;
     let id = first.rsplit('/').next().expect("an id").to_owned();
     let request = Request::get(format!("/v1/events?study={id}")).body(Body::empty()).expect("a request");
-    let answer = app(bench.state.clone()).oneshot(request).await.expect("answers");
+    let answer = bench.router.clone().oneshot(request).await.expect("answers");
     assert_eq!(answer.headers()["content-type"], "text/event-stream");
     let mut events = answer.into_body().into_data_stream();
     let hello = events.next().await.expect("an event").expect("bytes");

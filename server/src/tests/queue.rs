@@ -100,6 +100,29 @@ async fn three_failures_give_a_job_up_and_each_waits_longer() {
 }
 
 #[tokio::test]
+async fn ten_lost_workers_give_a_job_up_and_a_few_do_not() {
+    let bench = Bench::open().await;
+    let study = bench.submit(&study(20, &[])).await;
+    let first = bench.claim(&bench.worker("w0").await, 1).await.remove(0);
+    let job = format!("/v1/jobs/{}", first.job);
+    for lost in 1..=10 {
+        bench.pass(15.0).await;
+        let state = if lost < 10 { "ready" } else { "dead" };
+        assert_eq!(bench.get(&job).await.json()["state"], state, "after {lost} workers");
+        let told = bench.get(&format!("{job}/explain")).await.json();
+        assert_eq!((&told["losses"], &told["failures"]), (&json!(lost), &json!(0)));
+        if lost < 10 {
+            let again = bench.claim(&bench.worker(&format!("w{lost}")).await, 1).await.remove(0);
+            assert_eq!((again.job, again.attempt), (first.job, lost + 1));
+        }
+    }
+    bench.post(&format!("{study}/retry-failed"), "").await;
+    let told = bench.get(&format!("{job}/explain")).await.json();
+    assert_eq!((&told["state"], &told["losses"]), (&json!("ready"), &json!(0)));
+    bench.check_counts().await;
+}
+
+#[tokio::test]
 async fn renewal_keeps_a_lease_and_tells_of_a_lost_one() {
     let bench = Bench::open().await;
     bench.submit(&study(20, &[])).await;

@@ -17,12 +17,12 @@ use manduca_tests::crowd::{Crowd, Ledger};
 use manduca_tests::program::manduca;
 use manduca_tests::shim::Shim;
 use manduca_tests::studies::{blades, endless};
-use manduca_tests::wait_for;
+use manduca_tests::{is_long, wait_for};
 use serde_json::{Value, json};
 
 /// How often something is done, in the short and in the long form.
 fn times(short: u64, long: u64) -> u64 {
-    if std::env::var("MANDUCA_FAULTS").is_ok_and(|form| form == "long") { long } else { short }
+    if is_long() { long } else { short }
 }
 
 /// The datasets of studies which one worker does and nobody disturbs.
