@@ -240,7 +240,10 @@ impl ApiError {
             }
             Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
-            Self::ProtocolVersion { .. } => Some((header::UPGRADE, HeaderValue::from_static("manduca-exchange/2"))),
+            Self::ProtocolVersion { .. } => {
+                let wanted = HeaderValue::try_from(format!("manduca-exchange/{PROTOCOL_VERSION}")).ok()?;
+                Some((header::UPGRADE, wanted))
+            }
             _ => None,
         }
     }

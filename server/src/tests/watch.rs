@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 use serde_json::{Value, json};
 
 use super::answers::{flown, result, study};
@@ -138,15 +139,15 @@ async fn old_studies_go_and_results_others_share_stay() {
 #[tokio::test]
 async fn only_workers_of_a_known_version_of_the_exchange_are_taken() {
     let bench = Bench::open().await;
-    for version in [0, 3, u32::MAX] {
+    for version in [OLDEST_PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1, u32::MAX] {
         let mut registration = super::answers::registration("w");
         registration["protocol_version"] = json!(version);
         let answer = bench.post("/v1/workers", registration.to_string()).await;
         assert_eq!(answer.problem(426, "protocol-version"), ["/protocol_version"]);
         let detail = answer.json()["detail"].as_str().expect("a sentence").to_owned();
-        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 2"), "{detail}");
-        assert_eq!(answer.header("upgrade"), "manduca-exchange/2");
+        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 3"), "{detail}");
+        assert_eq!(answer.header("upgrade"), "manduca-exchange/3");
     }
     let health = bench.get("/healthz").await.json();
-    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(2)));
+    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(3)));
 }
