@@ -1,5 +1,7 @@
 //! All routes with what is common to them.
 
+use std::sync::OnceLock;
+
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
@@ -11,6 +13,18 @@ use crate::state::AppState;
 
 /// The whole service without a socket.
 pub fn app(state: AppState) -> Router {
+    static ROUTES: OnceLock<Router<AppState>> = OnceLock::new();
+    ROUTES
+        .get_or_init(all_routes)
+        .clone()
+        .layer(from_fn_with_state(state.clone(), guard))
+        // Bodies are read with limits of their own, route by route.
+        .layer(DefaultBodyLimit::disable())
+        .with_state(state)
+}
+
+/// The routes know nothing of a state yet; to describe them takes longer than to serve some requests.
+fn all_routes() -> Router<AppState> {
     let (router, document) = routes::described();
     router
         .merge(routes::openapi::router(document))
@@ -18,8 +32,4 @@ pub fn app(state: AppState) -> Router {
         .merge(routes::docs::router())
         .fallback(|| async { ApiError::NoRoute })
         .method_not_allowed_fallback(|| async { ApiError::MethodNotAllowed })
-        .layer(from_fn_with_state(state.clone(), guard))
-        // Bodies are read with limits of their own, route by route.
-        .layer(DefaultBodyLimit::disable())
-        .with_state(state)
 }

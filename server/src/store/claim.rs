@@ -108,7 +108,7 @@ async fn list_audits_for(
          from jobs as a join jobs as s on s.study = a.study and s.role = 'sample' and s.ordinal = a.ordinal
          join results as r on r.job = s.job
          where a.state = 'ready' and a.study = ? and a.role = 'audit' and r.worker <> ?
-         order by a.ordinal limit ?",
+         order by a.ordinal limit 0 + ?",
     )
     .bind(study)
     .bind(worker.0.as_bytes().as_slice())
@@ -123,7 +123,7 @@ async fn list_claimable(db: &mut SqliteConnection, limit: usize) -> Result<Vec<(
         "select c.study, c.role from study_counts as c join studies as s on s.study = c.study
          where c.state = 'ready' and c.n > 0
            and (s.condition = 'running' or c.role = 'audit' and s.condition = 'succeeded')
-         order by c.role = 'audit', c.role = 'sample', c.study limit ?",
+         order by c.role = 'audit', c.role = 'sample', c.study limit 0 + ?",
     )
     .bind(limit as i64)
     .fetch_all(db)
@@ -143,7 +143,7 @@ async fn list_ready(
 ) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
         "select job, attempt + 1, ordinal, parameters from jobs
-         where state = 'ready' and study = ? and role = ? order by ordinal limit ?",
+         where state = 'ready' and study = ? and role = ? order by ordinal limit 0 + ?",
     )
     .bind(study)
     .bind(role_name(role))

@@ -1,6 +1,6 @@
 //! An attempt fails: the job waits and is tried again, or is given up.
 
-use manduca_protocol::ids::WorkerId;
+use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::view::JobState;
 use manduca_protocol::worker::Failure;
 
@@ -68,7 +68,7 @@ pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause
         (false, true) => ("ready", None),
         (false, false) => ("delayed", Some(work.now + work.config.backoff_ms(failures))),
     };
-    set_failed(work, &JobRow { failures, losses, ..job.clone() }, state, not_before, reason).await?;
+    set_failed(work, job.job, state, [failures, losses], not_before, reason).await?;
     work.events.push(Event::Failed {
         study: job.study_id,
         job: job.job,
@@ -85,8 +85,9 @@ pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause
 
 async fn set_failed(
     work: &mut Work<'_>,
-    job: &JobRow,
+    job: JobId,
     state: &'static str,
+    [failures, losses]: [u32; 2],
     not_before: Option<i64>,
     reason: &str,
 ) -> Result<(), StoreError> {
@@ -95,11 +96,11 @@ async fn set_failed(
          where job = ?",
     )
     .bind(state)
-    .bind(job.failures)
-    .bind(job.losses)
+    .bind(failures)
+    .bind(losses)
     .bind(not_before)
     .bind(reason)
-    .bind(job.job.0)
+    .bind(job.0)
     .execute(&mut *work.db)
     .await?;
     Ok(())

@@ -53,7 +53,7 @@ impl Operation for Sweep {
 async fn list_expired(db: &mut SqliteConnection, now: i64) -> Result<Vec<(i64, Option<String>)>, StoreError> {
     let expired = sqlx::query_as(
         "select j.job, w.name from jobs as j left join workers as w on w.id = j.worker
-         where j.state = 'leased' and j.lease_until_ms <= ? order by j.lease_until_ms limit ?",
+         where j.state = 'leased' and j.lease_until_ms <= ? order by j.lease_until_ms limit 0 + ?",
     )
     .bind(now)
     .bind(MOST)
@@ -69,7 +69,7 @@ async fn list_overdue(work: &mut Work<'_>) -> Result<Vec<(i64, JobKind)>, StoreE
     let shortest = JobKind::ALL.iter().map(|&kind| work.config.run_limits.of(kind)).min().unwrap_or_default();
     let long: Vec<(i64, String, i64)> = sqlx::query_as(
         "select job, role, leased_ms from jobs
-         where state = 'leased' and leased_ms <= ? order by lease_until_ms limit ?",
+         where state = 'leased' and leased_ms <= ? order by lease_until_ms limit 0 + ?",
     )
     .bind(work.now - grace - millis(shortest))
     .bind(MOST)

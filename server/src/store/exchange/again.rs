@@ -15,7 +15,7 @@ pub(super) async fn give(work: &mut Work<'_>, parties: &mut [Party<'_>]) -> Resu
         let missed: Vec<(i64, i64, i64, Option<String>, i64, String)> = sqlx::query_as(
             "select job, attempt, ordinal, parameters, study, role from jobs
              where state = 'leased' and worker = ? and job not in (select value from json_each(?))
-             order by job limit ?",
+             order by job limit 0 + ?",
         )
         .bind(worker)
         .bind(&have)
