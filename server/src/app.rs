@@ -3,7 +3,6 @@
 use std::sync::OnceLock;
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
 
 use crate::auth::guard;
@@ -14,13 +13,7 @@ use crate::state::AppState;
 /// The whole service without a socket.
 pub fn app(state: AppState) -> Router {
     static ROUTES: OnceLock<Router<AppState>> = OnceLock::new();
-    ROUTES
-        .get_or_init(all_routes)
-        .clone()
-        .layer(from_fn_with_state(state.clone(), guard))
-        // Bodies are read with limits of their own, route by route.
-        .layer(DefaultBodyLimit::disable())
-        .with_state(state)
+    ROUTES.get_or_init(all_routes).clone().layer(from_fn_with_state(state.clone(), guard)).with_state(state)
 }
 
 /// The routes know nothing of a state yet; to describe them takes longer than to serve some requests.

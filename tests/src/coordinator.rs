@@ -126,6 +126,16 @@ impl Coordinator {
         format!("http://{}", self.address)
     }
 
+    /// Where it listens, as `host:port`.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// Most memory it has had since it was last started, bytes.
+    pub fn peak_memory(&self) -> u64 {
+        self.process.peak_memory()
+    }
+
     /// Its folder; the database is in `data`.
     pub fn folder(&self) -> &Path {
         self.folder.path()

@@ -12,6 +12,7 @@ pub mod program;
 pub mod proxy;
 #[cfg(target_os = "linux")]
 pub mod shim;
+pub mod slow;
 pub mod studies;
 pub mod tls;
 

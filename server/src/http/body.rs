@@ -1,9 +1,9 @@
 //! JSON bodies, read as bytes and parsed so that every refusal names its field.
 
-use axum::body::Bytes;
-use axum::extract::rejection::{BytesRejection, FailedToBufferBody};
-use axum::extract::{DefaultBodyLimit, FromRequest, Request};
+use axum::body::{Body, HttpBody};
+use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
+use futures_util::StreamExt;
 use manduca_protocol::flight::SimulationRequest;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
@@ -78,14 +78,27 @@ fn is(headers: &HeaderMap, media_type: &str) -> bool {
     essence.eq_ignore_ascii_case(media_type)
 }
 
-async fn read(mut request: Request, limit: usize, config: &Config) -> Result<Bytes, ApiError> {
-    DefaultBodyLimit::max(limit).apply(&mut request);
+async fn read(request: Request, limit: usize, config: &Config) -> Result<Vec<u8>, ApiError> {
     let timeout = ApiError::BodyTimeout { seconds: config.body_wait.as_secs() };
-    let read = tokio::time::timeout(config.body_wait, Bytes::from_request(request, &())).await;
-    read.map_err(|_| timeout)?.map_err(|rejection| match rejection {
-        BytesRejection::FailedToBufferBody(FailedToBufferBody::LengthLimitError(_)) => ApiError::BodyTooLarge { limit },
-        _ => ApiError::MalformedJson(vec![FieldProblem::new("", "the body broke off")]),
-    })
+    tokio::time::timeout(config.body_wait, collect(request.into_body(), limit)).await.map_err(|_| timeout)?
+}
+
+/// All of a body, copied as it comes: a part of one byte, kept, would keep the buffer of some KiB
+/// which it was received into.
+async fn collect(body: Body, limit: usize) -> Result<Vec<u8>, ApiError> {
+    let too_large = ApiError::BodyTooLarge { limit };
+    if body.size_hint().lower() > limit as u64 {
+        return Err(too_large);
+    }
+    let (mut all, mut parts) = (Vec::new(), body.into_data_stream());
+    while let Some(part) = parts.next().await {
+        let part = part.map_err(|_| ApiError::MalformedJson(vec![FieldProblem::new("", "the body broke off")]))?;
+        if all.len() + part.len() > limit {
+            return Err(too_large);
+        }
+        all.extend_from_slice(&part);
+    }
+    Ok(all)
 }
 
 /// Parses a whole body.

@@ -62,6 +62,8 @@ async fn exchange(
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
         tokio::select! {
+            // In this order, not in a random one: where its time is up, that is all.
+            biased;
             () = state.stopping().cancelled() => break,
             () = tokio::time::sleep_until(until) => break,
             () = notified.as_mut() => {}

@@ -1,6 +1,7 @@
 //! `/openapi.json`.
 
 use axum::Router;
+use axum::body::Bytes;
 use axum::http::header;
 use axum::routing::get;
 use manduca_protocol::problem::Problem;
@@ -77,7 +78,7 @@ fn refusal(operation: &mut Operation, status: &str, meaning: &str) {
 /// Serves the document, which does not describe itself.
 pub(crate) fn router(document: utoipa::openapi::OpenApi) -> Router<AppState> {
     // Nothing in a document of literals fails to serialise; an empty one would show in the tests.
-    let json = document.to_json().unwrap_or_default();
+    let json = Bytes::from(document.to_json().unwrap_or_default());
     Router::new()
         .route("/openapi.json", get(move || async move { ([(header::CONTENT_TYPE, "application/json")], json) }))
 }

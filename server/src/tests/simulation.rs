@@ -46,6 +46,17 @@ fn runtime() -> tokio::runtime::Runtime {
 }
 
 #[test]
+fn a_seed_always_does_the_same() {
+    let calm = runtime().block_on(undisturbed());
+    let template = runtime().block_on(world::empty_database());
+    for seed in 1..=10 {
+        let courses =
+            [(), ()].map(|()| runtime().block_on(async { World::new(seed, &template).await.run(&calm).await }));
+        assert_eq!(courses[0], courses[1], "seed {seed}");
+    }
+}
+
+#[test]
 fn every_seed_keeps_the_invariants() {
     static CALM: OnceLock<Vec<u8>> = OnceLock::new();
     let calm = CALM.get_or_init(|| runtime().block_on(undisturbed()));

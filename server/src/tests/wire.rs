@@ -81,6 +81,23 @@ async fn a_body_which_never_ends_is_not_waited_for() {
 }
 
 #[tokio::test]
+async fn one_who_does_not_read_is_let_go() {
+    let served = Served::start(|config| {
+        config.write_wait = Duration::from_millis(200);
+        config.connections = 1;
+    })
+    .await;
+    let mut deaf = served.connect().await;
+    // Answers of some 30 MB: more than the system keeps for a client.
+    let requests = "GET /openapi.json HTTP/1.1\r\nhost: x\r\n\r\n".repeat(300);
+    deaf.write_all(requests.as_bytes()).await.expect("the system takes it");
+    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").await;
+    assert!(answer.starts_with("HTTP/1.1 200 OK"), "the only place was kept: {answer}");
+    drop(deaf);
+    served.end().await;
+}
+
+#[tokio::test]
 async fn heads_too_long_are_refused() {
     let served = Served::start(|config| config.header_wait = Duration::from_secs(5)).await;
     let long = format!("GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}\r\n\r\n", "a".repeat(40_000));

@@ -3,6 +3,9 @@
 //! The short form is part of every test run. `MANDUCA_FAULTS=long cargo test --release -p
 //! manduca-tests faults` is the long one, whose figures are in docs/reliability.md.
 
+#[cfg(target_os = "linux")]
+#[path = "faults/clients.rs"]
+mod clients;
 #[path = "faults/network.rs"]
 mod network;
 #[path = "faults/workers.rs"]

@@ -1,6 +1,7 @@
 //! What is seen of the coordinator's answers, and what must never be.
 
 use std::collections::{BTreeSet, HashMap};
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use manduca_protocol::ids::JobId;
 use manduca_protocol::worker::ExchangeResponse;
@@ -26,11 +27,17 @@ pub(super) struct Witness {
     pub(super) acknowledged: BTreeSet<i64>,
     /// Whether a submission was.
     pub(super) submitted: bool,
+    /// Of all it saw, without the names of workers: those are different in each run.
+    course: DefaultHasher,
 }
 
 impl Witness {
     /// What an exchange says and is told, apart from its leases.
     pub(super) fn see(&mut self, now: i64, worker: &str, said: &Value, told: &ExchangeResponse) {
+        let leases: Vec<_> = told.jobs.iter().map(|lease| (lease.job.0, lease.attempt)).collect();
+        let [accepted, cancel] =
+            [&told.accepted, &told.cancel].map(|jobs| jobs.iter().map(|job| job.0).collect::<Vec<_>>());
+        (now, accepted, cancel, told.rejected.len(), leases).hash(&mut self.course);
         let ids = |list: &str| -> Vec<(JobId, u32)> {
             let items = said[list].as_array().into_iter().flatten();
             items.filter_map(|i| Some((JobId(i["job"].as_i64()?), i["attempt"].as_u64()? as u32))).collect()
@@ -76,6 +83,11 @@ impl Witness {
             self.held.insert(lease.job, held);
         }
         Ok(())
+    }
+
+    /// What names all it has seen.
+    pub(super) fn course(&self) -> u64 {
+        self.course.finish()
     }
 
     /// The coordinator is killed: what has ended by then is not taken up again.

@@ -22,6 +22,18 @@ pub(super) struct Message {
     pub(super) body: Value,
 }
 
+impl Message {
+    pub(super) fn is_exchange(&self) -> bool {
+        self.path.ends_with("/exchange")
+    }
+
+    /// Whether it carries the result of a training, or of an optimisation.
+    pub(super) fn is_large(&self) -> bool {
+        let complete = self.body["complete"].as_array().into_iter().flatten();
+        complete.map(|completion| &completion["result"]["kind"]).any(|kind| kind != "simulate")
+    }
+}
+
 #[derive(Debug, Default)]
 pub(super) struct Worker {
     /// Changes when it is killed: what was sent to the dead reaches nobody.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
-use axum::http::Request;
+use axum::http;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -24,6 +24,8 @@ use crate::{AppState, Clock, Config, Offline, app, open_with_clock};
 
 /// Time goes in steps, ms: what arrives within one arrives at once.
 const STEP: i64 = 50;
+/// Between two sweeps, ms: less often than in life, for each costs as much as an exchange.
+const SWEEP: i64 = 1000;
 /// Until when there are faults, ms.
 const FAULTY: i64 = 60_000;
 /// When an undone study is taken for stuck, ms.
@@ -40,9 +42,17 @@ impl Clock for SimulatedClock {
     }
 }
 
+/// What a client sends.
+struct Request {
+    from: usize,
+    life: u64,
+    message: u64,
+    content: Message,
+}
+
 /// Something on its way.
 enum Parcel {
-    Request { from: usize, life: u64, message: u64, content: Message },
+    Request(Request),
     Answer { to: usize, life: u64, message: u64, status: u16, body: Vec<u8> },
 }
 
@@ -105,7 +115,9 @@ impl World {
     }
 
     /// Runs to the end of the study and checks what is left.
-    pub(super) async fn run(mut self, calm: &[u8]) -> Result<(), String> {
+    ///
+    /// Gives what names the course of events: the same for each run of a seed.
+    pub(super) async fn run(mut self, calm: &[u8]) -> Result<u64, String> {
         while !self.is_done().await {
             self.step().await?;
             if self.now > STUCK {
@@ -116,7 +128,7 @@ impl World {
         if let Some((state, _)) = &self.coordinator {
             state.close().await;
         }
-        outcome
+        outcome.map(|()| self.witness.course())
     }
 
     fn faulty(&self) -> bool {
@@ -127,7 +139,7 @@ impl World {
         self.now += STEP;
         self.clock.0.store(self.now + self.offset, Ordering::SeqCst);
         self.disturb().await?;
-        if self.now % 500 == 0
+        if self.now % SWEEP == 0
             && let Some((state, _)) = &self.coordinator
         {
             state.store().run(Sweep).await.map_err(|e| format!("the sweep failed: {e}"))?;
@@ -140,7 +152,7 @@ impl World {
         let mut requests = Vec::new();
         for parcel in due.into_values() {
             match parcel {
-                Parcel::Request { from, life, message, content } => requests.push((from, life, message, content)),
+                Parcel::Request(request) => requests.push(request),
                 Parcel::Answer { to, life, message, status, body } => self.deliver(to, life, message, status, &body),
             }
         }
@@ -226,7 +238,7 @@ impl World {
         let life = self.workers.get(who).map_or(0, |worker| worker.life);
         for delay in arrivals(&mut self.rng, faulty) {
             self.sent += 1;
-            let parcel = Parcel::Request { from: who, life, message, content: content.clone() };
+            let parcel = Parcel::Request(Request { from: who, life, message, content: content.clone() });
             self.parcels.insert((self.now + delay, self.sent), parcel);
         }
     }
@@ -243,44 +255,57 @@ impl World {
         }
     }
 
-    /// All requests which arrive at once; exchanges share a commit.
-    async fn serve(&mut self, requests: Vec<(usize, u64, u64, Message)>) -> Result<(), String> {
+    /// All requests which arrive at once; exchanges share a commit, but for those which carry
+    /// something large: the coordinator prepares that on another thread, and nobody knows
+    /// when it is done. They come last, one by one, so that a seed always does the same.
+    async fn serve(&mut self, requests: Vec<Request>) -> Result<(), String> {
         let Some((_, router)) = self.coordinator.clone() else { return Ok(()) };
-        let (exchanges, others): (Vec<_>, Vec<_>) = requests.into_iter().partition(|r| r.3.path.ends_with("/exchange"));
-        let mut answered = Vec::new();
+        let (exchanges, others): (Vec<_>, Vec<_>) = requests.into_iter().partition(|r| r.content.is_exchange());
+        let (large, small): (Vec<_>, Vec<_>) = exchanges.into_iter().partition(|r| r.content.is_large());
         for request in others {
-            let answer = ask(&router, &request.3).await;
-            answered.push((request, answer));
+            let answer = ask(&router, &request.content).await;
+            self.answer(&request, answer)?;
         }
-        let answers = futures_util::future::join_all(exchanges.iter().map(|r| ask(&router, &r.3))).await;
+        for group in std::iter::once(small).chain(large.into_iter().map(|one| vec![one])) {
+            self.exchange(&router, group).await?;
+        }
+        Ok(())
+    }
+
+    /// Exchanges of one commit.
+    async fn exchange(&mut self, router: &Router, group: Vec<Request>) -> Result<(), String> {
+        let answers = futures_util::future::join_all(group.iter().map(|r| ask(router, &r.content))).await;
         let mut told = Vec::new();
-        for (request, (status, body)) in exchanges.iter().zip(&answers) {
+        for (request, (status, body)) in group.iter().zip(&answers) {
             if *status == 200 {
                 let answer = serde_json::from_slice(body).map_err(|e| e.to_string())?;
-                self.witness.see(self.now, &request.3.path, &request.3.body, &answer);
-                told.push((request.3.path.clone(), answer));
+                self.witness.see(self.now, &request.content.path, &request.content.body, &answer);
+                told.push((request.content.path.clone(), answer));
             }
         }
         for (path, answer) in &told {
             self.witness.see_leases(self.now, path, answer)?;
         }
-        answered.extend(exchanges.into_iter().zip(answers));
-        for ((to, life, message, content), (status, body)) in answered {
-            if status >= 500 || !matches!(status, 200 | 201 | 404) {
-                return Err(format!("{} is answered {status}: {}", content.path, String::from_utf8_lossy(&body)));
-            }
-            for delay in arrivals(&mut self.rng, self.now < FAULTY) {
-                self.sent += 1;
-                let parcel = Parcel::Answer { to, life, message, status, body: body.clone() };
-                self.parcels.insert((self.now + delay, self.sent), parcel);
-            }
+        group.iter().zip(answers).try_for_each(|(request, answer)| self.answer(request, answer))
+    }
+
+    /// Sends an answer on its way.
+    fn answer(&mut self, request: &Request, (status, body): (u16, Vec<u8>)) -> Result<(), String> {
+        let Request { from: to, life, message, ref content } = *request;
+        if status >= 500 || !matches!(status, 200 | 201 | 404) {
+            return Err(format!("{} is answered {status}: {}", content.path, String::from_utf8_lossy(&body)));
+        }
+        for delay in arrivals(&mut self.rng, self.now < FAULTY) {
+            self.sent += 1;
+            let parcel = Parcel::Answer { to, life, message, status, body: body.clone() };
+            self.parcels.insert((self.now + delay, self.sent), parcel);
         }
         Ok(())
     }
 
     async fn get(&self, path: &str) -> Option<(u16, Vec<u8>)> {
         let (_, router) = self.coordinator.as_ref()?;
-        let request = Request::get(path).body(Body::empty()).expect("a request");
+        let request = http::Request::get(path).body(Body::empty()).expect("a request");
         Some(answer_of(router, request).await)
     }
 
@@ -322,12 +347,12 @@ impl World {
 }
 
 async fn ask(router: &Router, message: &Message) -> (u16, Vec<u8>) {
-    let request = Request::post(&message.path).header("content-type", "application/json");
+    let request = http::Request::post(&message.path).header("content-type", "application/json");
     let request = if message.path == "/v1/studies" { request.header("idempotency-key", "once") } else { request };
     answer_of(router, request.body(Body::from(message.body.to_string())).expect("a request")).await
 }
 
-async fn answer_of(router: &Router, request: Request<Body>) -> (u16, Vec<u8>) {
+async fn answer_of(router: &Router, request: http::Request<Body>) -> (u16, Vec<u8>) {
     let response = router.clone().oneshot(request).await.expect("answers");
     let status = response.status().as_u16();
     let body = axum::body::to_bytes(response.into_body(), usize::MAX).await.expect("a body");
