@@ -83,7 +83,7 @@ fn remarks(document: &mut Document) {
 }
 
 /// What the numbers above do not say: choices whose alternatives are no longer in the code.
-const REMARKS: [&str; 8] = [
+const REMARKS: [&str; 9] = [
     "**Calm comes from old wake, not from fresh.** Cores which grow with the root of age (`wake_spreading`) let the \
      remembered wake lose its fine structure before it meets the wing again. The strokes then settle to one periodic \
      stroke: what looks like scatter is a transient which decays, and dropping four strokes instead of two removes most \

@@ -75,23 +75,23 @@ fn steady_lift_slopes() {
 
 /// The published values are those of four panels whose first row is a step behind the edge, which
 /// is too much lift at first (Wagner's plate is met, and finer lattices stay where the default one
-/// is): measured 10.9, 5.5, 14.0, 8.2 and 4.0 % less.
+/// is): the default lattice has 11.8, 6.1, 14.0, 8.3 and 4.0 % less.
 #[test]
 fn sudden_start_of_finite_wings() {
     let known = [
-        ("aspect ratio 4, U t/c = 0.5", 0.12),
-        ("aspect ratio 4, U t/c = 1", 0.065),
-        ("aspect ratio 8, U t/c = 0.5", 0.145),
-        ("aspect ratio 8, U t/c = 1", 0.085),
-        ("aspect ratio 8, U t/c = 2", 0.045),
+        ("aspect ratio 4, U t/c = 0.5, default lattice and step", 0.12),
+        ("aspect ratio 4, U t/c = 1, default lattice and step", 0.065),
+        ("aspect ratio 8, U t/c = 0.5, default lattice and step", 0.145),
+        ("aspect ratio 8, U t/c = 1, default lattice and step", 0.085),
+        ("aspect ratio 8, U t/c = 2, default lattice and step", 0.045),
     ];
-    assert_group(&sudden_start::group(), 20, &known);
+    assert_group(&sudden_start::group(), 30, &known);
 }
 
 /// Ten strips along half an elliptic wing: measured 3.3 %.
 #[test]
 fn induced_drag_of_wings() {
-    assert_group(&induced_drag::group(), 4, &[("elliptic wing, aspect ratio 8", 0.04)]);
+    assert_group(&induced_drag::group(), 6, &[("elliptic wing, aspect ratio 8, default lattice", 0.04)]);
 }
 
 #[test]
