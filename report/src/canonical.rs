@@ -22,12 +22,16 @@ pub fn settings() -> String {
     let (production, fine) = (scheme::Scheme::production(), Setup::Fine.name());
     let s = production.settings;
     format!(
-        "Each check is made twice. `{fine}`: one small core for everything, and the lattice and step of the published \
-         case or of a converged one; it tells whether the method is right. `{}`: cores, first wake row, chordwise panels \
-         and time step of the default settings, lengths in mean chords; it tells what the settings in use are worth. A \
-         stroke is there the path of the station at r2 in a stroke of the measured hawkmoth, 4 φa r2 R/c = {:.2} chords, \
+        "`{fine}`: one small core for everything, and the lattice and step the expected value is for, or converged \
+         ones; it tells whether the method is right. `{}`: the default cores, newest wake and shedding on such a lattice \
+         and step; it tells whether the settings are right. `{}`: {} x {} panels and the step of a hawkmoth's stroke as \
+         well; it tells what the lattice in use costs, measured with the same tolerances. Lengths are in mean chords; a \
+         stroke is the path of the station at r2 in a stroke of the measured hawkmoth, 4 φa r2 R/c = {:.2} chords, \
          so that a step is {:.3} chords and the cores develop within {:.2} chords. The wake is kept whole.",
         Setup::Production.name(),
+        Setup::Flown.name(),
+        s.chordwise_panels,
+        s.spanwise_panels,
         production.stroke,
         production.step(),
         s.core_growth_time * production.stroke,

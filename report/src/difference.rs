@@ -82,7 +82,7 @@ fn closing(changes: &[(&str, f64)], gap: f64) -> String {
 /// The comparison with codes which keep all suction in the wing's plane.
 fn like_with_like(study: &Study, other: &Group) -> Option<String> {
     let fine = other.rows.iter().find(|r| r.setup == Setup::Fine)?;
-    let default = other.rows.iter().rfind(|r| r.setup == Setup::Production)?;
+    let default = other.rows.iter().find(|r| r.setup == Setup::Flown)?;
     let Expected::Between { low, high } = default.expected else { return None };
     let middle = 0.5 * (low + high);
     Some(format!(
@@ -135,7 +135,7 @@ mod tests {
             expected: Expected::Between { low: 10.0, high: 30.0 },
             got,
         };
-        let rows = vec![row(Setup::Fine, 21.0), row(Setup::Production, 16.0)];
+        let rows = vec![row(Setup::Fine, 21.0), row(Setup::Flown, 16.0)];
         let text = paragraphs(&flown, &study, &Group { title: "t", about: String::new(), rows }).join("\n");
         let suction =
             format!("all suction turned into lift {}", signed(study.lift_change(Change::SuctionToLift(1.0)), 3));

@@ -1,23 +1,23 @@
-//! Every canonical check, row by row, at both settings.
+//! Every canonical check, row by row, at all settings.
 
 use manduca_report::canonical::{
     added_mass, induced_drag, invariants, oscillation, other_code, plate, steady, sudden_start, symmetries, wagner,
 };
 use manduca_report::check::{Group, Setup};
 
-/// Where the default settings do not reach a tolerance, what they do reach:
-/// quantity, and the greatest error accepted. A better default may pass.
-type Known<'a> = [(&'a str, f64)];
+/// Where a tolerance is not reached, what is: quantity, settings, and the greatest error accepted.
+/// Better defaults may pass.
+type Known<'a> = [(&'a str, Setup, f64)];
 
-/// With small cores everything passes; at the default settings everything but what is known.
+/// With small cores everything passes; with the default settings everything but what is known.
 fn assert_group(group: &Group, rows: usize, known: &Known<'_>) {
     assert!(group.rows.len() >= rows, "{}: only {} rows", group.title, group.rows.len());
     let faults: Vec<_> = group
         .rows
         .iter()
         .filter(|row| {
-            let is_known = |(what, limit): &(&str, f64)| {
-                *what == row.what && row.setup == Setup::Production && row.error().abs() <= *limit
+            let is_known = |(what, setup, limit): &(&str, Setup, f64)| {
+                *what == row.what && row.setup == *setup && row.setup != Setup::Fine && row.error().abs() <= *limit
             };
             !row.pass() && !known.iter().any(is_known)
         })
@@ -26,8 +26,9 @@ fn assert_group(group: &Group, rows: usize, known: &Known<'_>) {
         })
         .collect();
     assert!(faults.is_empty(), "{}\n{}", group.title, faults.join("\n"));
-    for (what, _) in known {
-        assert!(group.rows.iter().any(|row| row.what == *what), "{}: no row `{what}`", group.title);
+    for (what, setup, _) in known {
+        let found = group.rows.iter().any(|row| row.what == *what && row.setup == *setup);
+        assert!(found, "{}: no row `{what}` ({})", group.title, setup.name());
     }
 }
 
@@ -38,60 +39,65 @@ fn two_dimensional_plate() {
 
 #[test]
 fn wagner_sudden_start() {
-    assert_group(&wagner::group(), 25, &[]);
+    assert_group(&wagner::group(), 30, &[]);
 }
 
-/// Eight panels are few for fast oscillation: measured 4.7 and 7.0 % of lift in plunge, 4.1
-/// and 7.7 % in pitch. With small cores the same lattice and step leave as much.
+/// Pitch at k = 2 with 48 steps in a period is 3.3 % too much with the default cores. Steps of a
+/// hawkmoth's stroke are long for fast oscillation: measured 3.1 and 6.7 % of lift in plunge, 7.5 %
+/// in pitch; with small cores they leave as much.
 #[test]
 fn theodorsen_and_garrick() {
     let known = [
-        ("plunge, k = 1: lift", 0.055),
-        ("plunge, k = 2: lift", 0.08),
-        ("pitch about c/4, k = 1: lift", 0.05),
-        ("pitch about c/4, k = 2: lift", 0.09),
+        ("pitch about c/4, k = 2: lift", Setup::Production, 0.035),
+        ("plunge, k = 1: lift", Setup::Flown, 0.035),
+        ("plunge, k = 2: lift", Setup::Flown, 0.07),
+        ("pitch about c/4, k = 2: lift", Setup::Flown, 0.08),
     ];
-    assert_group(&oscillation::group(), 70, &known);
+    assert_group(&oscillation::group(), 80, &known);
 }
 
-/// A lattice has too much added mass by about 1/N: measured 8.3, 9.5 and 10.0 % with eight panels.
+/// A lattice has too much added mass by about 1/N: measured 8.5, 10.1 and 11.0 % with seven panels.
 #[test]
 fn added_mass_of_plates() {
-    let known = [
-        ("aspect ratio 1, default lattice", 0.095),
-        ("aspect ratio 2, default lattice", 0.105),
-        ("aspect ratio 4, default lattice", 0.11),
-    ];
+    let flown = |what, limit| (what, Setup::Flown, limit);
+    let known = [flown("aspect ratio 1", 0.095), flown("aspect ratio 2", 0.105), flown("aspect ratio 4", 0.115)];
     assert_group(&added_mass::group(), 9, &known);
 }
 
-/// Measured 1.9 and 2.1 % with the default lattice as it is.
+/// The default wake spreads behind the wing: measured 1.3 and 0.6 % too much. With the default
+/// lattice as it is 1.5 and 1.9 %.
 #[test]
 fn steady_lift_slopes() {
-    let known =
-        [("aspect ratio 4, default lattice and step", 0.025), ("aspect ratio 8, default lattice and step", 0.025)];
+    let known = [
+        ("aspect ratio 8, limit of fine lattices", Setup::Production, 0.015),
+        ("aspect ratio 4, 6 x 12 panels", Setup::Production, 0.0075),
+        ("aspect ratio 4, limit of fine lattices", Setup::Flown, 0.02),
+        ("aspect ratio 8, limit of fine lattices", Setup::Flown, 0.022),
+    ];
     assert_group(&steady::group(), 12, &known);
 }
 
 /// The published values are those of four panels whose first row is a step behind the edge, which
 /// is too much lift at first (Wagner's plate is met, and finer lattices stay where the default one
-/// is): the default lattice has 11.8, 6.1, 14.0, 8.3 and 4.0 % less.
+/// is): the default lattice has 12.3, 6.6, 14.2, 8.5 and 4.3 % less.
 #[test]
 fn sudden_start_of_finite_wings() {
+    let flown = |what, limit| (what, Setup::Flown, limit);
     let known = [
-        ("aspect ratio 4, U t/c = 0.5, default lattice and step", 0.12),
-        ("aspect ratio 4, U t/c = 1, default lattice and step", 0.065),
-        ("aspect ratio 8, U t/c = 0.5, default lattice and step", 0.145),
-        ("aspect ratio 8, U t/c = 1, default lattice and step", 0.085),
-        ("aspect ratio 8, U t/c = 2, default lattice and step", 0.045),
+        flown("aspect ratio 4, U t/c = 0.5", 0.125),
+        flown("aspect ratio 4, U t/c = 1", 0.07),
+        flown("aspect ratio 8, U t/c = 0.5", 0.145),
+        flown("aspect ratio 8, U t/c = 1", 0.09),
+        flown("aspect ratio 8, U t/c = 2", 0.045),
     ];
     assert_group(&sudden_start::group(), 30, &known);
 }
 
-/// Ten strips along half an elliptic wing: measured 3.3 %.
+/// The default wake spreads: measured 3.0 % too little on 24 strips, 2.5 % on the sixteen of the default lattice.
 #[test]
 fn induced_drag_of_wings() {
-    assert_group(&induced_drag::group(), 6, &[("elliptic wing, aspect ratio 8, default lattice", 0.04)]);
+    let elliptic = |setup, limit| ("elliptic wing, aspect ratio 8", setup, limit);
+    assert_group(&induced_drag::group(), 6, &[elliptic(Setup::Production, 0.032), elliptic(Setup::Flown, 0.03)]);
 }
 
 #[test]
@@ -104,11 +110,10 @@ fn laws_of_hovering() {
     assert_group(&symmetries::group(), 5, &[]);
 }
 
-/// Measured 2.5 mN below the lowest of the other codes: their range is met with a
+/// Measured 2.5 and 2.9 mN below the lowest of the other codes: their range is met with a
 /// bound core of 0.05 c, not with a thin one.
 #[test]
 fn other_codes() {
-    let group = other_code::group();
-    let lattice = group.rows.last().map(|row| row.what.clone()).unwrap_or_default();
-    assert_group(&group, 3, &[("6 x 12 panels, 40 steps", 2.7), (&lattice, 2.7)]);
+    let mean = |setup, limit| ("mean lift, mN", setup, limit);
+    assert_group(&other_code::group(), 5, &[mean(Setup::Production, 2.7), mean(Setup::Flown, 3.1)]);
 }

@@ -52,10 +52,11 @@ impl Scheme {
         self.stroke / self.settings.steps_per_stroke as f64
     }
 
-    /// The same with another time step; cores develop over the same distance.
+    /// The same with another time step; cores develop over the same distance and spread as far in it.
     pub fn with_step(mut self, step: f64) -> Self {
         let stroke = step * self.settings.steps_per_stroke as f64;
         self.settings.core_growth_time *= self.stroke / stroke;
+        self.settings.wake_spreading *= (stroke / self.stroke).sqrt();
         self.stroke = stroke;
         self
     }
@@ -103,6 +104,9 @@ mod tests {
         let grown = |s: &Scheme| s.settings.core_growth_time * s.stroke;
         let other = scheme.with_step(0.5);
         assert!((other.step() - 0.5).abs() < 1e-12 && (grown(&other) - grown(&scheme)).abs() < 1e-12);
+        // Square of the core over a chord.
+        let spread = |s: &Scheme| s.settings.wake_spreading.powi(2) / s.stroke;
+        assert!((spread(&other) / spread(&scheme) - 1.0).abs() < 1e-12);
         // 4 x 57.2° x 0.525 x 48.5 mm / 18.3 mm.
         assert!((scheme.stroke - 5.556).abs() < 0.001, "{}", scheme.stroke);
     }

@@ -31,20 +31,19 @@ impl On {
     const ALL: [Self; 3] = [Self::Published, Self::PublishedWithCores, Self::Default];
 
     fn setup(self) -> Setup {
-        if self == Self::Published { Setup::Fine } else { Setup::Production }
-    }
-
-    /// What a row says of it.
-    fn said(self) -> &'static str {
-        if self == Self::Default { ", default lattice and step" } else { "" }
+        match self {
+            Self::Published => Setup::Fine,
+            Self::PublishedWithCores => Setup::Production,
+            Self::Default => Setup::Flown,
+        }
     }
 
     /// Its name and line in the figure.
     fn curve(self) -> (&'static str, Mark) {
         match self {
             Self::Published => (Setup::Fine.name(), Mark::Line),
-            Self::PublishedWithCores => ("default cores", Mark::Dashed),
-            Self::Default => ("default lattice, step and cores", Mark::Dashed),
+            Self::PublishedWithCores => (Setup::Production.name(), Mark::Dashed),
+            Self::Default => (Setup::Flown.name(), Mark::Dashed),
         }
     }
 
@@ -102,7 +101,7 @@ pub fn group() -> Group {
     };
     let rows = starts.iter().flat_map(|start| {
         TIMES.into_iter().zip(start.published).map(move |(time, value)| Row {
-            what: format!("aspect ratio {}, U t/c = {time}{}", start.aspect, start.on.said()),
+            what: format!("aspect ratio {}, U t/c = {time}", start.aspect),
             source: SOURCE,
             setup: start.on.setup(),
             // The published lattice's wake also leaves from a quarter panel behind the edge; this one's
@@ -115,9 +114,9 @@ pub fn group() -> Group {
         title: TITLE,
         about: format!(
             "Lift coefficient at 5°, published for a lattice of {PANELS} x {STRIPS} panels per half, steps of 1/16 chord \
-             and a first wake row a quarter panel behind the edge: on that lattice with small and with default cores; then \
-             on the default lattice with its own step and first row. Such coarse lattices start with too much lift: half a \
-             chord after the start it is {} of that after 8 chords at aspect ratio 4, {} at 8, on the default lattice {} and \
+             and a first wake row a quarter panel behind the edge: on that lattice with small and with default cores; as \
+             flown, on the default lattice with its own step and first row. Such coarse lattices start with too much lift: half a \
+             chord after the start it is {} of that after 8 chords at aspect ratio 4, {} at 8, as flown {} and \
              {}. R. T. Jones's theory of elliptic wings (NACA TR 681) has {:.2} of the steady lift at aspect ratio 3 and {:.2} \
              at 6.",
             begun(On::Published, 4.0),

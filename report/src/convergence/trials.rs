@@ -32,7 +32,7 @@ const WAKE: [Trial; 11] = [
 ];
 
 /// Cores, each halved.
-const CORES: [Trial; 8] = [
+const CORES: [Trial; 9] = [
     trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.125)]),
     trial("wake on wing, developed, halved", &[("wake_core_on_wing", 0.15)]),
     trial("wake on wing, fresh, halved", &[("fresh_core_on_wing", 0.005)]),
@@ -40,6 +40,16 @@ const CORES: [Trial; 8] = [
     trial("bound, halved", &[("bound_core", 0.0005)]),
     trial("bound on wake, halved", &[("bound_core_on_wake", 0.05)]),
     trial("growth time halved", &[("core_growth_time", 0.25)]),
+    trial(
+        "all cores halved, the spreading kept",
+        &[
+            ("wake_core_on_wake", 0.125),
+            ("wake_core_on_wing", 0.15),
+            ("fresh_core_on_wing", 0.005),
+            ("bound_core", 0.0005),
+            ("bound_core_on_wake", 0.05),
+        ],
+    ),
     trial(
         "**all cores and the spreading halved**",
         &[
@@ -58,10 +68,10 @@ const LATTICE: [Trial; 8] = [
     trial("first row at 0.4", &[("first_row", 0.4)]),
     trial("ends not drawn in", &[("edge_inset", 0.0)]),
     trial("uniform strips, ends drawn in by 0.25", &[("spanwise_cosine", 0.0), ("edge_inset", 0.25)]),
-    trial("panels along the chord x 2", &[("chordwise_panels", 16.0)]),
-    trial("strips x 2", &[("spanwise_panels", 20.0)]),
-    trial("48 steps", &[("steps_per_stroke", 48.0)]),
-    trial("96 steps", &[("steps_per_stroke", 96.0)]),
+    trial("panels along the chord x 2", &[("chordwise_panels", 14.0)]),
+    trial("strips x 2", &[("spanwise_panels", 32.0)]),
+    trial("36 steps", &[("steps_per_stroke", 36.0)]),
+    trial("72 steps", &[("steps_per_stroke", 72.0)]),
     trial("4 panels", &[("chordwise_panels", 4.0)]),
 ];
 
@@ -74,7 +84,8 @@ fn changed(settings: Settings, changes: &[(&'static str, f64)]) -> Settings {
     changed
 }
 
-fn header(first: &str) -> Table {
+/// An empty table of differences.
+pub(super) fn header(first: &str) -> Table {
     Table::new([
         first,
         "strokes",
@@ -90,7 +101,8 @@ fn header(first: &str) -> Table {
     ])
 }
 
-fn row(table: &mut Table, what: &str, d: &Difference, flown: &Flown) {
+/// Adds a difference to it.
+pub(super) fn row(table: &mut Table, what: &str, d: &Difference, flown: &Flown) {
     let percent = |x: f64| fixed(100.0 * x, 2);
     let se = quantile(flown.iter().flatten().map(|m| m.scaled[0].se), 0.5);
     let mut cells = vec![what.to_owned(), d.strokes.to_string()];
@@ -136,49 +148,6 @@ pub fn write(document: &mut Document, sample: &Sample, reference: &Flown, settin
     tabulate(document, &CORES, sample, reference, settings);
     document.heading("Lattice, one direction at a time");
     tabulate(document, &LATTICE, sample, reference, settings);
-}
-
-/// Writes what twice the panels both ways with one and a half times the steps do.
-pub fn write_refinement(document: &mut Document, sample: &Sample, settings: Settings) {
-    let settings = Settings { standard_error: 0.002, strokes_most: 30, ..settings };
-    let reference = sample.fly(settings);
-    let fine = Settings {
-        chordwise_panels: 2 * settings.chordwise_panels,
-        spanwise_panels: 2 * settings.spanwise_panels,
-        steps_per_stroke: settings.steps_per_stroke * 3 / 2,
-        ..settings
-    };
-    let flown = sample.fly(fine);
-    document.heading("Refinement of everything");
-    document.paragraph(&format!(
-        "Default {} x {} panels and {} steps against {} x {} and {}, both flown until the standard errors are below 0.2 % \
-         (30 strokes at most). Published strokes are smooth; what is left there is \
-         below the error of any input. Violent ones (flips within a tenth of a stroke, 35 to 40 Hz) are still moved by \
-         the time step, their power above all.",
-        settings.chordwise_panels,
-        settings.spanwise_panels,
-        settings.steps_per_stroke,
-        fine.chordwise_panels,
-        fine.spanwise_panels,
-        fine.steps_per_stroke
-    ));
-    let published = 5.min(reference.len());
-    let mut table = header("strokes");
-    let parts = [("all", 0..reference.len()), ("published", 0..published), ("random", published..reference.len())];
-    for (what, range) in parts {
-        let (a, b) = (reference[range.clone()].to_vec(), flown[range].to_vec());
-        row(&mut table, what, &difference(&a, &b), &b);
-    }
-    document.table(&table);
-    let mut table = Table::new(["stroke", "L+", "D+", "M+", "P+", "change of L+", "of D+", "of M+", "of P+"]);
-    for ((name, _), pair) in sample.strokes.iter().zip(reference.iter().zip(&flown)) {
-        let (Some(a), Some(b)) = pair else { continue };
-        let mut cells = vec![name.clone()];
-        cells.extend(a.scaled.map(|e| fixed(e.mean, 3)));
-        cells.extend((0..4).map(|k| signed(100.0 * (b.scaled[k].mean - a.scaled[k].mean), 2)));
-        table.row(cells);
-    }
-    document.table(&table);
 }
 
 #[cfg(test)]
