@@ -161,6 +161,7 @@ mod tests {
             failure: None,
             created_at: String::new(),
             spec,
+            solver_version: String::new(),
             samples: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
             stage_jobs: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },
             progress: None,

@@ -128,6 +128,9 @@ pub struct StudyView {
     pub created_at: String,
     /// The study as submitted.
     pub spec: StudySpec,
+    /// Version of the numbers it was begun with.
+    #[serde(default)]
+    pub solver_version: String,
     /// Sampling jobs by state.
     pub samples: JobCounts,
     /// Jobs of the present stage by state.

@@ -119,13 +119,18 @@ pub(crate) enum Writer {
 }
 
 impl Writer {
-    /// Of a study.
+    /// Of a study begun with a version of the solver.
     ///
     /// # Errors
     /// When the head of a table cannot be written.
-    pub(crate) fn new(format: Format, study: StudyId, spec: &StudySpec) -> Result<Self, WriteError> {
+    pub(crate) fn new(
+        format: Format,
+        study: StudyId,
+        spec: &StudySpec,
+        solver_version: &str,
+    ) -> Result<Self, WriteError> {
         Ok(match format {
-            Format::Parquet => Self::Table(Box::new(TableWriter::new(study, spec)?)),
+            Format::Parquet => Self::Table(Box::new(TableWriter::new(study, spec, solver_version)?)),
             text => Self::Text(text, true),
         })
     }

@@ -90,6 +90,14 @@ async fn cost(api: &Api, id: StudyId) -> Result<String> {
     Ok(format!("{} of one core{shared}", span(seconds)))
 }
 
+/// The version a study was begun with, and this program's where it is another.
+fn version(begun: &str) -> String {
+    match manduca_numerics::simulation::SOLVER_VERSION {
+        present if present == begun => begun.to_owned(),
+        present => format!("{begun}; this program computes with {present} (CHANGELOG.md tells what changed)"),
+    }
+}
+
 async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, String)>> {
     let dataset = api.part(id, "dataset", "text/csv").await?.bytes().await.context("the dataset broke off")?;
     let spec = &view.spec;
@@ -99,7 +107,7 @@ async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, 
         ("seed", spec.seed.to_string()),
         ("samples", format!("{} flown, {} infeasible", view.samples.succeeded, view.samples.infeasible)),
         ("dataset", format!("blake3 of its CSV {}", blake3::hash(&dataset).to_hex())),
-        ("solver_version", manduca_numerics::simulation::SOLVER_VERSION.to_owned()),
+        ("solver_version", version(&view.solver_version)),
         ("surrogate", serde_json::to_string(&spec.surrogate)?),
         ("wall time", render::study::stages(&view.stages_s)),
         ("the samples' flights", cost(api, id).await?),

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
+use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::{StudyResult, StudyState};
@@ -121,9 +122,11 @@ async fn conduct(api: &Api, spec: &StudySpec, interrupted: &CancellationToken) -
     Ok(Some(api.result(id).await?))
 }
 
-/// Name of a study's content: the same study in the same folder is the same study.
+/// Name of a study's content: the same study with the same numbers in the same folder is the same study.
 fn key(spec: &StudySpec) -> Result<String> {
-    Ok(blake3::hash(&serde_json::to_vec(spec)?).to_hex().to_string())
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(SOLVER_VERSION.as_bytes()).update(&serde_json::to_vec(spec)?);
+    Ok(hasher.finalize().to_hex().to_string())
 }
 
 /// A study found in the folder may have been left in any state.

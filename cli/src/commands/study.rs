@@ -131,7 +131,7 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
     if let Some(eta) = view.eta_s {
         out.line(format_args!("left      {} of this stage", span(eta)))?;
     }
-    out.line(format_args!("created   {}", view.created_at))
+    out.line(format_args!("created   {}, solver version {}", view.created_at, view.solver_version))
 }
 
 /// Follows a study and prints its optima; Ctrl-C leaves it running.

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use manduca_numerics::parameters::{OUTPUTS, TABLE};
-use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::{Estimate, SimulateOutcome};
@@ -33,16 +32,16 @@ pub(crate) struct TableWriter {
 }
 
 impl TableWriter {
-    /// Of a study.
+    /// Of a study begun with a version of the solver.
     ///
     /// # Errors
     /// When its head cannot be written.
-    pub(crate) fn new(study: StudyId, spec: &StudySpec) -> Result<Self, WriteError> {
+    pub(crate) fn new(study: StudyId, spec: &StudySpec, solver_version: &str) -> Result<Self, WriteError> {
         let facts = [
             ("study", study.to_string()),
             ("name", spec.name.clone()),
             ("seed", spec.seed.to_string()),
-            ("solver_version", SOLVER_VERSION.to_owned()),
+            ("solver_version", solver_version.to_owned()),
             ("model", serde_json::to_string(&spec.model)?),
         ];
         let facts = facts.map(|(key, value)| KeyValue::new(format!("manduca.{key}"), value));

@@ -59,7 +59,8 @@ async fn dataset(
 ) -> Result<Response, ApiError> {
     let format = format(params.format.as_deref(), &headers)?;
     let head = state.store().study_head(study).await?;
-    let writer = Writer::new(format, study, &head.spec).map_err(|e| ApiError::Internal(Box::new(e)))?;
+    let writer =
+        Writer::new(format, study, &head.spec, &head.solver_version).map_err(|e| ApiError::Internal(Box::new(e)))?;
     let rows = Rows::new(state.store().clone(), head.study, writer);
     let body = Body::from_stream(stream::try_unfold(rows, Rows::next));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())

@@ -2,7 +2,6 @@
 
 use axum::Json;
 use axum::extract::State;
-use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::Problem;
 use manduca_protocol::task::SimulateOutcome;
@@ -29,7 +28,6 @@ async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Resul
     let samples = store.sample_counts(head.study).await?;
     let surrogate = store.surrogate_of(head.study).await?;
     let optima = store.optima(&head).await?;
-    let solver_version = optima.iter().find_map(|o| Some(o.optimum.as_ref()?.solver_version.clone()));
     Ok(Json(StudyResult {
         study,
         state: head.state(),
@@ -37,7 +35,7 @@ async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Resul
         surrogate: surrogate.and_then(|s| s.test).map(|test| SurrogateErrors { rmse: test.rmse }),
         optimisations: optima.into_iter().map(flat).collect(),
         stages_s: store.stage_seconds(head.study, state.now_ms()).await?,
-        solver_version: solver_version.unwrap_or_else(|| SOLVER_VERSION.into()),
+        solver_version: head.solver_version,
     }))
 }
 

@@ -4,7 +4,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
-use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::task::{Checkpoint, Scaled, SurrogateMessage};
@@ -82,7 +81,7 @@ async fn model(
         return Ok(Json(message).into_response());
     }
     let surrogate = network::surrogate(&message).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
-    let facts = [("study", study.to_string()), ("solver_version", SOLVER_VERSION.to_owned())];
+    let facts = [("study", study.to_string()), ("solver_version", head.solver_version)];
     let none = ApiError::NotAcceptable { offered: "application/json alone: a gaussian process has no ONNX form here" };
     let bounds = resolve::study(&head.spec)
         .map_err(|_| ApiError::from(StoreError::Corrupt("the study's bounds".into())))?

@@ -38,6 +38,7 @@ impl Operation for AddOptimisation {
                 return Err(StoreError::WrongState(why.into()));
             }
         }
+        row.check_numbers()?;
         insert(work, study, row.optimisations, &self.spec).await?;
         work.specs.clear();
         begin(work, &row, Stage::Optimising).await?;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve;
@@ -20,6 +21,9 @@ use crate::compose::verify_task;
 use crate::draw::{Drawn, draw};
 use crate::event::Event;
 
+/// The version of studies from before versions were kept.
+pub(super) const BEFORE_KEPT: &str = "4 or earlier";
+
 #[derive(sqlx::FromRow)]
 struct RawStudy {
     id: Vec<u8>,
@@ -28,6 +32,7 @@ struct RawStudy {
     samples: i64,
     next_sample: i64,
     optimisations: i64,
+    solver_version: Option<String>,
 }
 
 /// A study as decisions see it.
@@ -39,15 +44,35 @@ pub(super) struct StudyRow {
     samples: u32,
     next_sample: u32,
     pub(super) optimisations: i64,
+    solver_version: Option<String>,
+}
+
+impl StudyRow {
+    /// Whether the study may fly and compute on.
+    ///
+    /// # Errors
+    /// When it was begun with other numbers than this coordinator's: results are not mixed.
+    pub(super) fn check_numbers(&self) -> Result<(), StoreError> {
+        let begun = self.solver_version.as_deref();
+        if begun == Some(SOLVER_VERSION) {
+            return Ok(());
+        }
+        Err(StoreError::WrongState(format!(
+            "the study was begun with solver version {}, this coordinator computes with {SOLVER_VERSION}, and their \
+             results are not mixed: what it has stays; submit it again for new results",
+            begun.unwrap_or(BEFORE_KEPT),
+        )))
+    }
 }
 
 /// A study by its short number.
 pub(super) async fn find_study(db: &mut SqliteConnection, study: i64) -> Result<StudyRow, StoreError> {
-    let raw: RawStudy =
-        sqlx::query_as("select id, stage, condition, samples, next_sample, optimisations from studies where study = ?")
-            .bind(study)
-            .fetch_one(db)
-            .await?;
+    let raw: RawStudy = sqlx::query_as(
+        "select id, stage, condition, samples, next_sample, optimisations, solver_version from studies where study = ?",
+    )
+    .bind(study)
+    .fetch_one(db)
+    .await?;
     Ok(StudyRow {
         study,
         id: StudyId(uuid(&raw.id)?),
@@ -56,6 +81,7 @@ pub(super) async fn find_study(db: &mut SqliteConnection, study: i64) -> Result<
         samples: unsigned(raw.samples)?,
         next_sample: unsigned(raw.next_sample)?,
         optimisations: raw.optimisations,
+        solver_version: raw.solver_version,
     })
 }
 
@@ -296,7 +322,8 @@ async fn list_optima(db: &mut SqliteConnection, study: i64) -> Result<Vec<(u32, 
     Ok(optima)
 }
 
-async fn end(
+/// The study ends here, with a reason when it has failed.
+pub(super) async fn end(
     work: &mut Work<'_>,
     row: &StudyRow,
     condition: &'static str,

@@ -37,9 +37,13 @@ impl Operation for Control {
         let row = find_study(work.db, study).await?;
         match (self.action, row.condition) {
             (Action::Pause, Condition::Running) => pause(work, &row).await,
-            (Action::Resume, Condition::Paused) => resume(work, &row).await,
+            (Action::Resume, Condition::Paused) => {
+                row.check_numbers()?;
+                resume(work, &row).await
+            }
             (Action::Cancel, Condition::Running | Condition::Paused | Condition::Failed) => cancel(work, &row).await,
             (Action::RetryFailed, Condition::Running | Condition::Paused | Condition::Failed) => {
+                row.check_numbers()?;
                 retry_failed(work, &row).await
             }
             (Action::Pause, Condition::Paused)

@@ -10,6 +10,7 @@ use manduca_protocol::view::{
 };
 use sqlx::sqlite::SqlitePool;
 
+use super::advance::BEFORE_KEPT;
 use super::count::{open_jobs, read_counts};
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
 use super::search::{Chain, list_found};
@@ -24,6 +25,7 @@ struct RawStudy {
     failure: Option<String>,
     created_ms: i64,
     spec: String,
+    solver_version: Option<String>,
 }
 
 /// A study's head: where it is and what was asked.
@@ -34,6 +36,8 @@ pub(crate) struct StudyHead {
     pub(crate) failure: Option<String>,
     pub(crate) created_ms: i64,
     pub(crate) spec: StudySpec,
+    /// Of the numbers it was begun with.
+    pub(crate) solver_version: String,
 }
 
 impl StudyHead {
@@ -72,7 +76,7 @@ impl Store {
     /// A study's head.
     pub(crate) async fn study_head(&self, id: StudyId) -> Result<StudyHead, StoreError> {
         let raw: Option<RawStudy> = sqlx::query_as(
-            "select s.study, s.stage, s.condition, s.failure, s.created_ms, a.spec
+            "select s.study, s.stage, s.condition, s.failure, s.created_ms, s.solver_version, a.spec
                  from studies as s join study_specs as a on a.study = s.study where s.id = ?",
         )
         .bind(id.0.as_bytes().as_slice())
@@ -86,6 +90,7 @@ impl Store {
             failure: raw.failure,
             created_ms: raw.created_ms,
             spec: body::from_json(raw.spec.as_bytes())?,
+            solver_version: raw.solver_version.unwrap_or_else(|| BEFORE_KEPT.to_owned()),
         })
     }
 
@@ -116,6 +121,7 @@ impl Store {
             surrogate: surrogate.and_then(|s| s.test),
             optimisations,
             spec: head.spec,
+            solver_version: head.solver_version,
         })
     }
 

@@ -2,7 +2,9 @@
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::advance;
+use manduca_numerics::simulation::SOLVER_VERSION;
+
+use super::advance::{advance, end, find_study};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
 use crate::event::Event;
@@ -15,15 +17,30 @@ impl Operation for Recover {
     type Output = ();
 
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
+        dismiss_other_numbers(work).await?;
         let leases = renew_all(work).await?;
         shorten_waits(work).await?;
         shorten_quarantines(work).await?;
         for study in list_running(work.db).await? {
-            advance(work, study).await?;
+            let row = find_study(work.db, study).await?;
+            match row.check_numbers() {
+                Ok(()) => advance(work, study).await?,
+                Err(why) => end(work, &row, "failed", Some(why.to_string())).await?,
+            }
         }
         work.events.push(Event::Recovered { leases });
         Ok(())
     }
+}
+
+/// Workers of another version have to introduce themselves again, and are told so then.
+async fn dismiss_other_numbers(work: &mut Work<'_>) -> Result<(), StoreError> {
+    sqlx::query("update workers set left_ms = ? where left_ms is null and solver_version is not ?")
+        .bind(work.now)
+        .bind(SOLVER_VERSION)
+        .execute(&mut *work.db)
+        .await?;
+    Ok(())
 }
 
 /// Workers could not renew while nobody was here: every lease gets a full term.

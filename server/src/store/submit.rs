@@ -1,5 +1,6 @@
 //! A study comes in.
 
+use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
@@ -81,8 +82,8 @@ pub(super) async fn find_by_idempotency_key(
 async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreError> {
     let inserted = sqlx::query(
         "insert into studies (id, name, spec, stage, condition, samples, next_sample, optimisations,
-                              created_ms, idempotency_key, spec_digest)
-         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8)",
+                              created_ms, idempotency_key, spec_digest, solver_version)
+         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8, ?9)",
     )
     .bind(study.id.0.as_bytes().as_slice())
     .bind(&study.name)
@@ -92,6 +93,7 @@ async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreE
     .bind(work.now)
     .bind(&study.idempotency_key)
     .bind(study.digest.as_slice())
+    .bind(SOLVER_VERSION)
     .execute(&mut *work.db)
     .await?;
     Ok(inserted.last_insert_rowid())

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 
 use super::names::uuid;
@@ -10,7 +11,7 @@ use crate::config::millis;
 use crate::event::Event;
 use crate::http::cursor::hex;
 
-/// A worker introduces itself.
+/// A worker introduces itself; it computes this coordinator's numbers, or had been refused.
 pub(crate) struct Register {
     pub(crate) worker: WorkerId,
     pub(crate) name: String,
@@ -23,13 +24,15 @@ impl Operation for Register {
 
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
         sqlx::query(
-            "insert into workers (id, name, slots, level, registered_ms, last_seen_ms) values (?1, ?2, ?3, ?4, ?5, ?5)",
+            "insert into workers (id, name, slots, level, registered_ms, last_seen_ms, solver_version)
+             values (?1, ?2, ?3, ?4, ?5, ?5, ?6)",
         )
         .bind(self.worker.0.as_bytes().as_slice())
         .bind(&self.name)
         .bind(self.slots)
         .bind(&self.level)
         .bind(work.now)
+        .bind(SOLVER_VERSION)
         .execute(&mut *work.db)
         .await?;
         let (name, slots, level) = (self.name, self.slots, self.level);

@@ -3,6 +3,8 @@
 use std::time::Duration;
 
 use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, SqliteConnection};
 
 use super::answers::{result, study};
 use super::bench::Bench;
@@ -32,4 +34,44 @@ async fn a_closed_store_answers_with_a_problem() {
     assert_eq!(answer.header("retry-after"), "1");
     bench.get("/readyz").await.problem(503, "unavailable");
     assert_eq!(bench.get("/healthz").await.status, 200);
+}
+
+/// As if an earlier program had begun and done all this.
+async fn made_earlier(bench: &Bench, version: Option<&str>) {
+    let options = SqliteConnectOptions::new().filename(bench.database());
+    let mut database: SqliteConnection = options.connect().await.expect("opens beside the coordinator");
+    for set in ["update studies set solver_version = ?", "update workers set solver_version = ?"] {
+        sqlx::query(set).bind(version).execute(&mut database).await.expect("writes");
+    }
+}
+
+#[tokio::test]
+async fn a_study_begun_with_other_numbers_goes_no_further() {
+    for (version, told) in [(Some("3"), "version 3"), (None, "version 4 or earlier")] {
+        let bench = Bench::open().await;
+        let (running, paused) = (bench.submit(&study(20, &[])).await, bench.submit(&study(21, &[])).await);
+        bench.post(&format!("{paused}/pause"), String::new()).await;
+        let worker = bench.worker("w").await;
+        let leases = bench.claim(&worker, 2).await;
+        assert_eq!(bench.complete(&worker, &leases[0], result(&leases[0])).await.accepted, [leases[0].job]);
+        made_earlier(&bench, version).await;
+        let bench = bench.restart(Duration::from_secs(1)).await;
+        let view = bench.view(&running).await;
+        assert_eq!((&view["state"], &view["samples"]["succeeded"]), (&json!("failed"), &json!(1)));
+        assert!(view["failure"].as_str().is_some_and(|why| why.contains(told) && why.contains("not mixed")), "{view}");
+        for action in [format!("{running}/retry-failed"), format!("{paused}/resume")] {
+            let refused = bench.post(&action, String::new()).await;
+            refused.problem(409, "wrong-state");
+            assert!(refused.json()["detail"].as_str().is_some_and(|why| why.contains(told)), "{:?}", refused.body);
+        }
+        // Its worker is of that version too, and has to say so again.
+        let unknown = bench.post(&format!("{worker}/exchange"), json!({ "want": 1 }).to_string()).await;
+        unknown.problem(404, "unknown-worker");
+        let worker = bench.worker("new").await;
+        assert!(bench.claim(&worker, 5).await.is_empty(), "nothing of theirs is given out");
+        let new = bench.submit(&study(22, &[])).await;
+        let lease = bench.claim(&worker, 1).await.remove(0);
+        assert!(new.ends_with(&lease.study.to_string()), "{new}");
+        bench.check_counts().await;
+    }
 }
