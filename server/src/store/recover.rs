@@ -33,8 +33,17 @@ impl Operation for Recover {
     }
 }
 
-/// Workers of another version have to introduce themselves again, and are told so then.
+/// Workers of another version have to introduce themselves again, and are told so then. What they
+/// flew cannot be audited: it would differ.
 async fn dismiss_other_numbers(work: &mut Work<'_>) -> Result<(), StoreError> {
+    sqlx::query(
+        "update jobs set state = 'cancelled', lease_until_ms = null, not_before_ms = null, progress = null
+         where role = 'audit' and state in ('ready', 'delayed', 'leased')
+           and study in (select study from studies where solver_version is not ?)",
+    )
+    .bind(SOLVER_VERSION)
+    .execute(&mut *work.db)
+    .await?;
     sqlx::query("update workers set left_ms = ? where left_ms is null and solver_version is not ?")
         .bind(work.now)
         .bind(SOLVER_VERSION)

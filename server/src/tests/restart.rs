@@ -75,3 +75,20 @@ async fn a_study_begun_with_other_numbers_goes_no_further() {
         bench.check_counts().await;
     }
 }
+
+#[tokio::test]
+async fn what_was_flown_with_other_numbers_is_not_audited() {
+    let bench = Bench::open().await;
+    let mut spec = study(20, &[]);
+    spec["audit"] = json!(1.0);
+    let study = bench.submit(&spec).await;
+    bench.work_off(&bench.worker("first").await).await;
+    assert_eq!(bench.view(&study).await["audits"]["ready"], 20);
+    made_earlier(&bench, Some("3")).await;
+    let bench = bench.restart(Duration::from_secs(1)).await;
+    let view = bench.view(&study).await;
+    assert_eq!((&view["state"], &view["solver_version"]), (&json!("succeeded"), &json!("3")));
+    assert_eq!(view["audits"]["ready"], 0, "{view}");
+    assert!(bench.claim(&bench.worker("second").await, 5).await.is_empty());
+    bench.check_counts().await;
+}
