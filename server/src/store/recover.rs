@@ -1,8 +1,7 @@
 //! The coordinator starts on a store another run has left.
 
-use sqlx::sqlite::SqliteConnection;
-
 use manduca_numerics::simulation::SOLVER_VERSION;
+use sqlx::sqlite::SqliteConnection;
 
 use super::advance::{advance, end, find_study};
 use super::{Operation, StoreError, Work};

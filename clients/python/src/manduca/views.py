@@ -96,6 +96,7 @@ class StudyView(TypedDict):
     failure: str | None
     created_at: str
     spec: dict[str, Any]
+    solver_version: str
     samples: JobCounts
     stage_jobs: JobCounts
     audits: JobCounts
