@@ -42,18 +42,16 @@ fn wagner_sudden_start() {
     assert_group(&wagner::group(), 30, &[]);
 }
 
-/// Pitch at k = 2 with 48 steps in a period is 3.3 % too much with the default cores. Steps of a
-/// hawkmoth's stroke are long for fast oscillation: measured 3.1 and 6.7 % of lift in plunge, 7.5 %
-/// in pitch; with small cores they leave as much.
+/// Steps of a hawkmoth's stroke are long for fast oscillation: measured 3.1 and 6.7 % of lift in
+/// plunge, 7.5 % in pitch; with small cores they leave as much.
 #[test]
 fn theodorsen_and_garrick() {
     let known = [
-        ("pitch about c/4, k = 2: lift", Setup::Production, 0.035),
         ("plunge, k = 1: lift", Setup::Flown, 0.035),
         ("plunge, k = 2: lift", Setup::Flown, 0.07),
         ("pitch about c/4, k = 2: lift", Setup::Flown, 0.08),
     ];
-    assert_group(&oscillation::group(), 80, &known);
+    assert_group(&oscillation::group(), 105, &known);
 }
 
 /// A lattice has too much added mass by about 1/N: measured 8.5, 10.1 and 11.0 % with seven panels.
