@@ -7,9 +7,9 @@ table! {
     /// in strokes, so that the same settings serve any insect and frequency (and
     /// forces scale exactly with f²).
     pub struct Settings {
-        chordwise_panels: usize = 7, 1..=32, "", "panels along the chord";
-        spanwise_panels: usize = 16, 1..=48, "", "panels along one wing";
-        steps_per_stroke: usize = 48, 8..=720, "", "time steps per stroke";
+        chordwise_panels: usize = 8, 1..=32, "", "panels along the chord";
+        spanwise_panels: usize = 10, 1..=48, "", "panels along one wing";
+        steps_per_stroke: usize = 64, 8..=720, "", "time steps per stroke";
         steps_by_speed: f64 = 0.65, 0.0..=0.95, "", "share of the time steps dealt out by the trailing edge's speed, the rest evenly";
         strokes: usize = 10, 1..=200, "", "strokes flown, from rest, at least";
         strokes_dropped: usize = 4, 0..=100, "", "first strokes left out of the means (the wake builds up)";

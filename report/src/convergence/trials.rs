@@ -68,10 +68,10 @@ const LATTICE: [Trial; 8] = [
     trial("first row at 0.4", &[("first_row", 0.4)]),
     trial("ends not drawn in", &[("edge_inset", 0.0)]),
     trial("uniform strips, ends drawn in by 0.25", &[("spanwise_cosine", 0.0), ("edge_inset", 0.25)]),
-    trial("panels along the chord x 2", &[("chordwise_panels", 14.0)]),
-    trial("strips x 2", &[("spanwise_panels", 32.0)]),
-    trial("36 steps", &[("steps_per_stroke", 36.0)]),
-    trial("72 steps", &[("steps_per_stroke", 72.0)]),
+    trial("panels along the chord x 2", &[("chordwise_panels", 16.0)]),
+    trial("strips x 2", &[("spanwise_panels", 20.0)]),
+    trial("48 steps", &[("steps_per_stroke", 48.0)]),
+    trial("96 steps", &[("steps_per_stroke", 96.0)]),
     trial("4 panels", &[("chordwise_panels", 4.0)]),
 ];
 

@@ -21,8 +21,8 @@ use crate::compose::verify_task;
 use crate::draw::{Drawn, draw};
 use crate::event::Event;
 
-/// The version of studies from before versions were kept.
-pub(super) const BEFORE_KEPT: &str = "4 or earlier";
+/// The version of studies from before versions were kept: the one there was then.
+pub(super) const BEFORE_KEPT: &str = "4";
 
 #[derive(sqlx::FromRow)]
 struct RawStudy {
@@ -53,14 +53,13 @@ impl StudyRow {
     /// # Errors
     /// When it was begun with other numbers than this coordinator's: results are not mixed.
     pub(super) fn check_numbers(&self) -> Result<(), StoreError> {
-        let begun = self.solver_version.as_deref();
-        if begun == Some(SOLVER_VERSION) {
+        let begun = self.solver_version.as_deref().unwrap_or(BEFORE_KEPT);
+        if begun == SOLVER_VERSION {
             return Ok(());
         }
         Err(StoreError::WrongState(format!(
-            "the study was begun with solver version {}, this coordinator computes with {SOLVER_VERSION}, and their \
-             results are not mixed: what it has stays; submit it again for new results",
-            begun.unwrap_or(BEFORE_KEPT),
+            "the study was begun with solver version {begun}, this coordinator computes with {SOLVER_VERSION}, and \
+             their results are not mixed: what it has stays; submit it again for new results"
         )))
     }
 }

@@ -3,7 +3,7 @@
 use manduca_numerics::simulation::SOLVER_VERSION;
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::{advance, end, find_study};
+use super::advance::{BEFORE_KEPT, advance, end, find_study};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
 use crate::event::Event;
@@ -38,13 +38,15 @@ async fn dismiss_other_numbers(work: &mut Work<'_>) -> Result<(), StoreError> {
     sqlx::query(
         "update jobs set state = 'cancelled', lease_until_ms = null, not_before_ms = null, progress = null
          where role = 'audit' and state in ('ready', 'delayed', 'leased')
-           and study in (select study from studies where solver_version is not ?)",
+           and study in (select study from studies where coalesce(solver_version, ?1) <> ?2)",
     )
+    .bind(BEFORE_KEPT)
     .bind(SOLVER_VERSION)
     .execute(&mut *work.db)
     .await?;
-    sqlx::query("update workers set left_ms = ? where left_ms is null and solver_version is not ?")
+    sqlx::query("update workers set left_ms = ?1 where left_ms is null and coalesce(solver_version, ?2) <> ?3")
         .bind(work.now)
+        .bind(BEFORE_KEPT)
         .bind(SOLVER_VERSION)
         .execute(&mut *work.db)
         .await?;
