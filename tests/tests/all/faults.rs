@@ -80,7 +80,7 @@ fn a_coordinator_killed_at_random_times_loses_nothing_it_acknowledged() {
     let mut coordinator = Coordinator::start();
     let crowd = Crowd::start(&coordinator.url(), 8);
     let (mut chance, mut slowest) = (Chance::new(2024), Duration::ZERO);
-    let kills = times(5, 100);
+    let kills = times(5, 200);
     for _ in 0..kills {
         let before = crowd.acknowledged();
         wait_for("work to go on", || (crowd.acknowledged() > before).then_some(()));
@@ -126,7 +126,7 @@ fn after_power_cuts(cuts: u64, lying: bool) -> Option<(Coordinator, Ledger)> {
 
 #[test]
 fn a_power_cut_loses_nothing_acknowledged() {
-    let cuts = times(3, 50);
+    let cuts = times(3, 200);
     let (mut coordinator, ledger) = after_power_cuts(cuts, false).expect("it starts on what a power cut left");
     println!("{cuts} power cuts, {} results acknowledged", ledger.results.len());
     assert_kept(&mut coordinator, &ledger);
