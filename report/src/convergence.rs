@@ -108,10 +108,11 @@ const REMARKS: [&str; 11] = [
     "**Refinement of everything tells less than the distance from a fine lattice.** More steps raise the power of violent \
      strokes, more panels along the chord lower it, and strips and steps have to grow together: strips much narrower than \
      a step, or steps much shorter than a strip, are worse than neither. 7 x 16 panels and 48 steps cost what the default \
-     does and would pass for converged: refinement moves them by 1.6, 1.0, 1.3 and 1.8 hundredths, half of what it moves \
-     the default. Yet they are farther from a fine lattice in everything, by a quarter to a half, for they and their \
-     refinement both have too few steps. Meshes were chosen by distance. The finest one flown is no limit of the power of \
-     violent strokes either: there 96 steps and 144 still differ by more than panels do, by about one per cent of it.",
+     does and would pass for converged: refinement moves their power by half of what it moves the default's (with the \
+     whole wake 1.6, 1.0, 1.3 and 1.8 hundredths of L+, D+, M+ and P+). Yet they are farther from a fine lattice in \
+     everything, by a quarter to a half, for they and their refinement both have too few steps. Meshes were chosen by \
+     distance. The finest one flown is no limit of the power of violent strokes either: there 96 steps and 144 still \
+     differ by more than one per cent of it, and no mesh a study could afford is nearer than that.",
     "**Steps are dealt out by speed** (`steps_by_speed`): a wing which flips within a tenth of a stroke moves its edge \
      several times as far in a step as in between. Alone this changes little, with the newest wake in its place it \
      halves what is left.",
