@@ -42,30 +42,30 @@ fn wagner_sudden_start() {
     assert_group(&wagner::group(), 30, &[]);
 }
 
-/// Steps of a hawkmoth's stroke are long for fast oscillation: measured 4.2 % of lift in plunge,
+/// Steps of a hawkmoth's stroke are long for fast oscillation: measured 3.2 % of lift in plunge,
 /// 5.1 % in pitch; with small cores they leave as much.
 #[test]
 fn theodorsen_and_garrick() {
-    let known = [("plunge, k = 2: lift", Setup::Flown, 0.045), ("pitch about c/4, k = 2: lift", Setup::Flown, 0.055)];
+    let known = [("plunge, k = 2: lift", Setup::Flown, 0.035), ("pitch about c/4, k = 2: lift", Setup::Flown, 0.055)];
     assert_group(&oscillation::group(), 105, &known);
 }
 
-/// A lattice has too much added mass by about 1/N: measured 8.6, 9.7 and 10.2 % with eight panels.
+/// A lattice has too much added mass by about 1/N: measured 9.2, 11.2 and 12.3 % with six panels.
 #[test]
 fn added_mass_of_plates() {
     let flown = |what, limit| (what, Setup::Flown, limit);
-    let known = [flown("aspect ratio 1", 0.095), flown("aspect ratio 2", 0.105), flown("aspect ratio 4", 0.11)];
+    let known = [flown("aspect ratio 1", 0.095), flown("aspect ratio 2", 0.115), flown("aspect ratio 4", 0.127)];
     assert_group(&added_mass::group(), 9, &known);
 }
 
-/// The default wake spreads behind the wing: measured 1.3 and 0.6 % too much. With the default
-/// lattice as it is 2.2 and 2.3 %.
+/// The default wake spreads behind the wing: measured 1.6 and 1.0 % too much. With the default
+/// lattice as it is 1.9 and 2.1 %.
 #[test]
 fn steady_lift_slopes() {
     let known = [
-        ("aspect ratio 8, limit of fine lattices", Setup::Production, 0.015),
-        ("aspect ratio 4, 6 x 12 panels", Setup::Production, 0.0075),
-        ("aspect ratio 4, limit of fine lattices", Setup::Flown, 0.025),
+        ("aspect ratio 8, limit of fine lattices", Setup::Production, 0.017),
+        ("aspect ratio 4, 6 x 12 panels", Setup::Production, 0.011),
+        ("aspect ratio 4, limit of fine lattices", Setup::Flown, 0.022),
         ("aspect ratio 8, limit of fine lattices", Setup::Flown, 0.025),
     ];
     assert_group(&steady::group(), 12, &known);
@@ -73,7 +73,7 @@ fn steady_lift_slopes() {
 
 /// The published values are those of four panels whose first row is a step behind the edge, which
 /// is too much lift at first (Wagner's plate is met, and finer lattices stay where the default one
-/// is): the default lattice has 11.8, 6.1, 14.0, 8.3 and 4.0 % less.
+/// is): the default lattice has 11.6, 6.2, 13.6, 8.2 and 3.9 % less.
 #[test]
 fn sudden_start_of_finite_wings() {
     let flown = |what, limit| (what, Setup::Flown, limit);
@@ -87,11 +87,11 @@ fn sudden_start_of_finite_wings() {
     assert_group(&sudden_start::group(), 30, &known);
 }
 
-/// The default wake spreads: measured 3.0 % too little on 24 strips, 3.6 % on the ten of the default lattice.
+/// The default wake spreads: measured 4.4 % too little on 24 strips, 3.9 % on the seventeen of the default lattice.
 #[test]
 fn induced_drag_of_wings() {
     let elliptic = |setup, limit| ("elliptic wing, aspect ratio 8", setup, limit);
-    assert_group(&induced_drag::group(), 6, &[elliptic(Setup::Production, 0.032), elliptic(Setup::Flown, 0.04)]);
+    assert_group(&induced_drag::group(), 6, &[elliptic(Setup::Production, 0.047), elliptic(Setup::Flown, 0.04)]);
 }
 
 #[test]
@@ -104,10 +104,10 @@ fn laws_of_hovering() {
     assert_group(&symmetries::group(), 5, &[]);
 }
 
-/// Measured 2.5 mN below the lowest of the other codes: their range is met with a
+/// Measured 2.5 and 2.7 mN below the lowest of the other codes: their range is met with a
 /// bound core of 0.05 c, not with a thin one.
 #[test]
 fn other_codes() {
     let mean = |setup, limit| ("mean lift, mN", setup, limit);
-    assert_group(&other_code::group(), 5, &[mean(Setup::Production, 2.7), mean(Setup::Flown, 2.7)]);
+    assert_group(&other_code::group(), 5, &[mean(Setup::Production, 2.7), mean(Setup::Flown, 2.8)]);
 }

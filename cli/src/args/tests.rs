@@ -47,7 +47,7 @@ fn every_setting_tells_its_range_and_default() {
     let mut command = Cli::command();
     let simulate = command.find_subcommand_mut("simulate").unwrap();
     let help = simulate.render_long_help().to_string();
-    for text in ["--bound-core-on-wake", "[8 to 720; default: 64]", "--drag-coefficient-90"] {
+    for text in ["--bound-core-on-wake", "[8 to 720; default: 68]", "--drag-coefficient-90"] {
         assert!(help.contains(text), "{text} in {help}");
     }
 }

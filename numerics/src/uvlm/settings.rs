@@ -7,26 +7,26 @@ table! {
     /// in strokes, so that the same settings serve any insect and frequency (and
     /// forces scale exactly with f²).
     pub struct Settings {
-        chordwise_panels: usize = 8, 1..=32, "", "panels along the chord";
-        spanwise_panels: usize = 10, 1..=48, "", "panels along one wing";
-        steps_per_stroke: usize = 64, 8..=720, "", "time steps per stroke";
+        chordwise_panels: usize = 6, 1..=32, "", "panels along the chord";
+        spanwise_panels: usize = 17, 1..=48, "", "panels along one wing";
+        steps_per_stroke: usize = 68, 8..=720, "", "time steps per stroke";
         steps_by_speed: f64 = 0.65, 0.0..=0.95, "", "share of the time steps dealt out by the trailing edge's speed, the rest evenly";
         strokes: usize = 10, 1..=200, "", "strokes flown, from rest, at least";
         strokes_dropped: usize = 4, 0..=100, "", "first strokes left out of the means (the wake builds up)";
         strokes_most: usize = 20, 1..=400, "", "strokes flown at most: two more at a time while a standard error is above `standard_error`";
         standard_error: f64 = 0.005, 0.0..=1.0, "", "standard error of L+, D+, M+ and P+ at which no more strokes are flown";
         wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered ring by ring";
-        wake_joined_after: f64 = 0.5, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour";
+        wake_joined_after: f64 = 0.125, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour, again from four times that age, and so on";
         wake_tail: f64 = 2.0, 0.0..=6.0, "c", "radius of the sinks which stand for the wake forgotten; 0 leaves them out";
         first_row: f64 = 0.25, 0.05..=2.0, "steps", "place of the line which stands for the wake shed in a step, behind the trailing edge, as a plate sees it";
         edge_inset: f64 = 0.17, 0.0..=0.5, "", "how far root and tip of the lattice are drawn in, in widths of the end strips";
         bound_core: f64 = 0.001, 1e-6..=0.5, "c", "core of bound segments and of the trailing-edge line as the wing sees them";
         bound_core_on_wake: f64 = 0.1, 1e-6..=1.0, "c", "core of bound segments as the wake sees them";
-        wake_core_on_wake: f64 = 0.25, 0.01..=2.0, "c", "core of wake just shed as the wake sees it";
+        wake_core_on_wake: f64 = 0.125, 0.01..=2.0, "c", "core of wake just shed as the wake sees it";
         wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core to which fresh wake develops as the wing sees it";
         fresh_core_on_wing: f64 = 0.01, 1e-6..=2.0, "c", "core of the wake just shed as the wing sees it";
         core_growth_time: f64 = 0.5, 0.001..=10.0, "strokes", "time in which the core seen by the wing develops and begins to spread";
-        wake_spreading: f64 = 1.0, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
+        wake_spreading: f64 = 1.4, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
         suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";
         suction_in_plane: f64 = 0.0, 0.0..=1.0, "", "share of the leading-edge suction kept in the wing's plane";
         spanwise_cosine: f64 = 0.5, 0.0..=1.0, "", "spanwise spacing: 0 uniform, 1 cosine";
@@ -45,9 +45,17 @@ impl Settings {
     /// of a flight is nearly proportional to it.
     pub fn interactions(&self, strokes: usize) -> f64 {
         let steps = self.steps_per_stroke as f64;
-        let (kept, joined) = (self.wake_strokes * steps, self.wake_joined_after * steps);
-        // Every other row of old wake has been joined to its neighbour.
-        let rows = |step: f64| step.min(joined) + 0.5 * (step.min(kept) - joined).max(0.0);
+        let (kept, joined) = (self.wake_strokes * steps, (self.wake_joined_after * steps).max(2.0));
+        // Of the wake's rows a half is left from the age `joined` on, a quarter from four times that age, and so on.
+        let rows = |step: f64| {
+            let oldest = step.min(kept);
+            let (mut rows, mut from, mut share) = (oldest, joined, 0.5);
+            while from < oldest {
+                rows -= share * (oldest - from);
+                (from, share) = (4.0 * from, 0.5 * share);
+            }
+            rows
+        };
         let wing = 1.5 * (self.chordwise_panels + 1) as f64;
         let columns = (self.spanwise_panels + 1) as f64;
         (0..strokes * self.steps_per_stroke).map(|step| (columns * (wing + rows(step as f64))).powi(2)).sum()

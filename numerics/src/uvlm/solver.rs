@@ -56,7 +56,7 @@ pub struct Solver {
     vorticity: Vorticity,
     /// Age in steps at which wake is forgotten.
     kept: usize,
-    /// Age in steps from which every other row of wake is joined to its neighbour.
+    /// Age in steps from which every other row of wake is joined to its neighbour; see `joining_after`.
     joined_after: Option<usize>,
     tail: Option<Tail>,
     single: bool,
@@ -157,7 +157,9 @@ impl Solver {
         }
     }
 
-    /// Joins every other row of wake older than `age` steps to its neighbour.
+    /// Joins every other row of wake older than `age` steps to its neighbour, every other of those left
+    /// when they are four times as old, and so on: rows lie apart by the root of their age, as wide as
+    /// their cores have spread.
     pub fn joining_after(mut self, age: usize) -> Self {
         self.joined_after = Some(age.max(2));
         self
@@ -235,15 +237,14 @@ impl Solver {
         }
     }
 
-    /// Joins the rings on either side of a row which has come of age.
+    /// Joins the rings on either side of each row which has come of age.
     fn join(&mut self) {
         let Some(age) = self.joined_after else { return };
-        let old = |row: &usize| {
-            let born = self.vorticity.born(*row);
-            self.steps - born >= age && born % 2 == 1
-        };
-        if let Some(row) = (self.vorticity.edge_row() + 2..self.vorticity.rows() - 1).find(old) {
-            self.vorticity.join(row);
+        let old = |born: usize| self.steps - born >= age.saturating_mul(4_usize.saturating_pow(born.trailing_zeros()));
+        for row in (self.vorticity.edge_row() + 2..self.vorticity.rows() - 1).rev() {
+            if old(self.vorticity.born(row)) {
+                self.vorticity.join(row);
+            }
         }
     }
 

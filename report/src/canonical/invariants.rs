@@ -184,10 +184,8 @@ pub fn group() -> Group {
         ("wing flies or its axes do (0.85 m/s)", axes, rounding),
         ("Kelvin: bound circulation and starting vortices", kelvin, |_| 1e-12),
     ];
-    let schemes = [
-        (Setup::Fine, Scheme::fine(0.05, 0.125, Settings::default().chordwise_panels).settings),
-        (Setup::Production, Settings::default()),
-    ];
+    let fine = Settings { spanwise_panels: 10, steps_per_stroke: 64, ..Scheme::fine(0.05, 0.125, 8).settings };
+    let schemes = [(Setup::Fine, fine), (Setup::Production, Settings::default())];
     let rows = schemes.into_iter().flat_map(|(setup, settings)| {
         let flight = Flight::new(settings, 0);
         checks.map(|(what, difference, limit)| Row {
@@ -202,8 +200,8 @@ pub fn group() -> Group {
         title: "Invariants",
         about: "Three quarters of the first stroke of a hawkmoth's wing, kinematics without any symmetry: greatest difference of force \
                 and moment at any step over the greatest force and moment. Kelvin: circulation, over the greatest. \
-                Fine: cores of 0.05 c, with which a wake that meets the wing again magnifies rounding; default: the \
-                wake moves in single precision."
+                Fine: 8 x 10 panels, 64 steps and cores of 0.05 c, with which a wake that meets the wing again magnifies \
+                rounding (on narrower strips it is chaos); default: the wake moves in single precision."
             .to_owned(),
         rows: rows.collect(),
     }

@@ -9,18 +9,20 @@ use crate::markdown::{Document, Table, fixed, signed, significant};
 /// Panels along the chord, strips and steps.
 type Mesh = [usize; 3];
 
-/// What others are compared with: eleven times as many panels as the default, and nine steps for its four.
+/// What others are compared with: nine times as many panels as the default, and twice its steps.
 const FINEST: Mesh = [20, 46, 144];
 
 /// Meshes of about the default's work, then dearer ones.
-const MESHES: [Mesh; 10] = [
-    [8, 10, 64],
-    [7, 10, 64],
-    [6, 10, 64],
-    [8, 12, 56],
-    [7, 16, 48],
+const MESHES: [Mesh; 12] = [
+    [6, 17, 68],
+    [6, 17, 64],
+    [6, 14, 68],
+    [8, 17, 68],
     [8, 12, 64],
-    [8, 16, 64],
+    [8, 10, 64],
+    [7, 16, 48],
+    [8, 16, 80],
+    [12, 34, 102],
     [16, 20, 96],
     [14, 32, 72],
     [20, 46, 96],
@@ -47,7 +49,7 @@ pub fn write_meshes(document: &mut Document, sample: &Sample, settings: Settings
     document.heading("Distance from a fine lattice");
     document.paragraph(&format!(
         "Panels along the chord x strips x steps, against {}. Two strokes after two with a wake of half a stroke, which \
-         shows the same errors in a twentieth of the time; work is that with the whole wake, the default's being 1.",
+         shows the same errors in a small part of the time; work is that with the whole wake, the default's being 1.",
         named(FINEST)
     ));
     let mut table = header("mesh (work)");

@@ -17,9 +17,10 @@ const fn trial(what: &'static str, changes: &'static [(&'static str, f64)]) -> T
 }
 
 /// The wake as modelled: how long, how it ends, how it is thinned and rounded.
-const WAKE: [Trial; 11] = [
+const WAKE: [Trial; 12] = [
     trial("no rows joined", &[("wake_joined_after", 20.0)]),
     trial("rows joined after 0.25 strokes", &[("wake_joined_after", 0.25)]),
+    trial("rows joined after 0.5 strokes", &[("wake_joined_after", 0.5)]),
     trial("**wake remembered twice as long**", &[("wake_strokes", 4.0)]),
     trial("wake remembered for 1 stroke", &[("wake_strokes", 1.0)]),
     trial("sinks of 1 c", &[("wake_tail", 1.0)]),
@@ -33,17 +34,17 @@ const WAKE: [Trial; 11] = [
 
 /// Cores, each halved.
 const CORES: [Trial; 9] = [
-    trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.125)]),
+    trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.0625)]),
     trial("wake on wing, developed, halved", &[("wake_core_on_wing", 0.15)]),
     trial("wake on wing, fresh, halved", &[("fresh_core_on_wing", 0.005)]),
-    trial("spreading halved", &[("wake_spreading", 0.5)]),
+    trial("spreading halved", &[("wake_spreading", 0.7)]),
     trial("bound, halved", &[("bound_core", 0.0005)]),
     trial("bound on wake, halved", &[("bound_core_on_wake", 0.05)]),
     trial("growth time halved", &[("core_growth_time", 0.25)]),
     trial(
         "all cores halved, the spreading kept",
         &[
-            ("wake_core_on_wake", 0.125),
+            ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
             ("fresh_core_on_wing", 0.005),
             ("bound_core", 0.0005),
@@ -53,10 +54,10 @@ const CORES: [Trial; 9] = [
     trial(
         "**all cores and the spreading halved**",
         &[
-            ("wake_core_on_wake", 0.125),
+            ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
             ("fresh_core_on_wing", 0.005),
-            ("wake_spreading", 0.5),
+            ("wake_spreading", 0.7),
             ("bound_core", 0.0005),
             ("bound_core_on_wake", 0.05),
         ],
@@ -68,10 +69,10 @@ const LATTICE: [Trial; 8] = [
     trial("first row at 0.4", &[("first_row", 0.4)]),
     trial("ends not drawn in", &[("edge_inset", 0.0)]),
     trial("uniform strips, ends drawn in by 0.25", &[("spanwise_cosine", 0.0), ("edge_inset", 0.25)]),
-    trial("panels along the chord x 2", &[("chordwise_panels", 16.0)]),
-    trial("strips x 2", &[("spanwise_panels", 20.0)]),
+    trial("panels along the chord x 2", &[("chordwise_panels", 12.0)]),
+    trial("strips x 2", &[("spanwise_panels", 34.0)]),
     trial("48 steps", &[("steps_per_stroke", 48.0)]),
-    trial("96 steps", &[("steps_per_stroke", 96.0)]),
+    trial("102 steps", &[("steps_per_stroke", 102.0)]),
     trial("4 panels", &[("chordwise_panels", 4.0)]),
 ];
 
