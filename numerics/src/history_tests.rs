@@ -95,6 +95,17 @@ fn the_chosen_steps_have_their_rings() {
     assert_eq!(flown, watched_not, "looking changes nothing");
 }
 
+/// Joined from two steps on, again from eight: of 32 rows of wake one of two, three of the next six and six of the
+/// last 24 are left.
+#[test]
+fn rows_of_wake_lie_apart_by_the_root_of_their_age() {
+    let joined = Settings { wake_strokes: 2.0, wake_joined_after: 0.125, ..coarse() };
+    let (_, recorder) = record(&simulation(Model::Uvlm(joined), 0.0), &steps("last")).unwrap();
+    let wake = &recorder.wakes[0];
+    let rows = wake.corners.len() / wake.columns - wake.wing_rows;
+    assert!((10..=13).contains(&rows), "{rows}");
+}
+
 #[test]
 fn the_last_stroke_can_be_thinned() {
     let at = |text: &str| {

@@ -86,7 +86,7 @@ fn remarks(document: &mut Document) {
 }
 
 /// What the numbers above do not say: choices whose alternatives are no longer in the code.
-const REMARKS: [&str; 11] = [
+const REMARKS: [&str; 13] = [
     "**Calm comes from old wake, not from fresh.** Cores which grow with the root of age (`wake_spreading`) let the \
      remembered wake lose its fine structure before it meets the wing again. The strokes then settle to one periodic \
      stroke: what looks like scatter is a transient which decays, and dropping four strokes instead of two removes most \
@@ -103,16 +103,27 @@ const REMARKS: [&str; 11] = [
      lies closer by the ratio of two gamma functions (`first_row.rs`). When it becomes free it starts from the middle of \
      the trailing edge's own path. One place for both, as is usual, costs 5 % of the lift of an oscillating plate at \
      eight panels, and an error of first order in the step: against steps 2.75 times finer the random strokes were off \
-     by 7.8, 5.9, 5.7 and 17 hundredths (L+, D+, M+, P+), now by about 2, 2.4, 1.8 and 3.6. Half as many steps and half as many \
+     by 7.8, 5.9, 5.7 and 17 hundredths (L+, D+, M+, P+), then by about 2, 2.4, 1.8 and 3.6. Half as many steps and half as many \
      panels hid most of it from each other.",
+    "**Rows of old wake may lie as far apart as they are blurred.** Every other row is joined to its neighbour at an \
+     eighth of a stroke, again at half of one and at two: rows lie apart by the root of their age, as wide as their cores \
+     have spread. A flight then takes a fifth of its time, which was spent on strips and steps. What joining \
+     changes is for three quarters in two strokes of the 25 which answer anything by several hundredths (random 0 and 13). \
+     With rows this far apart a wake which spreads to 1 c in a stroke is not calm (remembered twice as long it moved L+ by \
+     2.4 hundredths on 7 x 16 panels and 72 steps), with 1.4 c it is (1.2).",
+    "**A smaller core of fresh wake is less of a choice, and needs a wake which spreads faster.** With 0.25 c for fresh wake \
+     and a spreading to 1 c in a stroke, halving all cores moved L+ by 3.1 hundredths; with 0.125 c and 1.4 c by 1.9, \
+     and the means themselves differ by one hundredth between the two. The price shows behind wings which fly straight on \
+     ([verification.md](verification.md), default cores): induced drag of an elliptic wing 4.4 % too small instead of 3.0, \
+     steady lift slope at aspect ratio 8 1.6 % too high instead of 1.3.",
     "**Refinement of everything tells less than the distance from a fine lattice.** More steps raise the power of violent \
      strokes, more panels along the chord lower it, and strips and steps have to grow together: strips much narrower than \
-     a step, or steps much shorter than a strip, are worse than neither. 7 x 16 panels and 48 steps cost what the default \
-     does and would pass for converged: refinement moves their power by half of what it moves the default's (with the \
-     whole wake 1.6, 1.0, 1.3 and 1.8 hundredths of L+, D+, M+ and P+). Yet they are farther from a fine lattice in \
-     everything, by a quarter to a half, for they and their refinement both have too few steps. Meshes were chosen by \
-     distance. The finest one flown is no limit of the power of violent strokes either: there 96 steps and 144 still \
-     differ by more than one per cent of it, and no mesh a study could afford is nearer than that.",
+     a step, or steps much shorter than a strip, are worse than neither. 7 x 16 panels and 48 steps would pass for \
+     converged: refinement moves their power by half of what it moves that of 8 x 10 and 64. Yet they are farther from a \
+     fine lattice in everything, for they and their refinement both have too few steps. So meshes were \
+     chosen by both: the default is nearer to the fine lattice than either. The finest one flown is no limit of the power \
+     of violent strokes: there 96 steps and 144 still differ by more than one per cent of it, and no mesh a study could \
+     afford is nearer than that.",
     "**Steps are dealt out by speed** (`steps_by_speed`): a wing which flips within a tenth of a stroke moves its edge \
      several times as far in a step as in between. Alone this changes little, with the newest wake in its place it \
      halves what is left.",

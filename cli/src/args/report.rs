@@ -58,7 +58,7 @@ pub struct ReproductionArgs {
 /// `manduca report convergence`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The document in docs/ is of the default numbers, which keep two cores busy for about half an hour.")]
+The document in docs/ is of the default numbers, which keep two cores busy for about an hour.")]
 pub struct ConvergenceArgs {
     #[command(flatten)]
     pub report: ReportArgs,
