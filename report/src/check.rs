@@ -107,7 +107,7 @@ impl Row {
     pub fn wanted(&self) -> [String; 2] {
         match self.expected {
             Expected::Within { value, share } => {
-                [significant(value, 4), format!("{} %", significant(100.0 * share, 1))]
+                [significant(value, 4), format!("{} %", (1e4 * share).round() / 100.0)]
             }
             Expected::Near { value, distance } => [significant(value, 4), significant(distance, 1)],
             Expected::Between { low, high } => {

@@ -86,7 +86,7 @@ fn remarks(document: &mut Document) {
 }
 
 /// What the numbers above do not say: choices whose alternatives are no longer in the code.
-const REMARKS: [&str; 13] = [
+const REMARKS: [&str; 15] = [
     "**Calm comes from old wake, not from fresh.** Cores which grow with the root of age (`wake_spreading`) let the \
      remembered wake lose its fine structure before it meets the wing again. The strokes then settle to one periodic \
      stroke: what looks like scatter is a transient which decays, and dropping four strokes instead of two removes most \
@@ -95,6 +95,13 @@ const REMARKS: [&str; 13] = [
      downwash of the jet beyond. Sinks for the forgotten rows (`wake_tail`) put it back to leading order; with them \
      two strokes do what four do without. Small radii excite a \
      slow oscillation of the wake's end.",
+    "**A core belongs to the distance from the vortex, not from its line.** The usual core counts the distance h from the \
+     line on which a segment lies, h²/(h² + c²), and so takes from the air far ahead of a trailing vortex as much as from \
+     the air beside it, where nothing is near. Vorticity spread evenly over its core (Rosenhead 1930, Moore 1972) does \
+     not. With the usual core and the settings of solver_version 6 a wake remembered twice as long moved the means by \
+     1.18, 1.50, 1.30 and 0.86 hundredths (L+, D+, M+, P+), half of the spreading by 3.03, 2.67, 2.48 and 1.86, an \
+     elliptic wing had 4.4 % too little induced drag and a wing of aspect ratio 8 a lift slope 1.6 % too high; with this one \
+     0.91, 0.64, 0.78 and 0.59; 2.57, 2.29, 1.96 and 1.80; 1.8 % and 1.0 %. It costs less than the usual one.",
     "**The core seen by the wing must grow with age, not with its root.** Near the trailing edge distance is \
      proportional to age; a core which grows as the root of age is larger than the distance for small ages and blurs \
      the edge's own wake more with every shorter step: lift then depends far more on the time step.",
@@ -109,13 +116,21 @@ const REMARKS: [&str; 13] = [
      eighth of a stroke, again at half of one and at two: rows lie apart by the root of their age, as wide as their cores \
      have spread. A flight then takes a fifth of its time, which was spent on strips and steps. What joining \
      changes is for three quarters in two strokes of the 25 which answer anything by several hundredths (random 0 and 13). \
-     With rows this far apart a wake which spreads to 1 c in a stroke is not calm (remembered twice as long it moved L+ by \
-     2.4 hundredths on 7 x 16 panels and 72 steps), with 1.4 c it is (1.2).",
+     Rows this far apart want a wake which spreads by more than a chord in a stroke: remembered twice as long, one which \
+     spreads to 1 c moves L+ and D+ by 1.4 and 2.0 hundredths, to 1.2 c by 1.3 and 1.4, to 1.4 c by 0.9 and 0.6.",
     "**A smaller core of fresh wake is less of a choice, and needs a wake which spreads faster.** With 0.25 c for fresh wake \
      and a spreading to 1 c in a stroke, halving all cores moved L+ by 3.1 hundredths; with 0.125 c and 1.4 c by 1.9, \
-     and the means themselves differ by one hundredth between the two. The price shows behind wings which fly straight on \
-     ([verification.md](verification.md), default cores): induced drag of an elliptic wing 4.4 % too small instead of 3.0, \
-     steady lift slope at aspect ratio 8 1.6 % too high instead of 1.3.",
+     and the means themselves differ by one hundredth between the two. What the spreading does is two things which \
+     nearly cancel in lift: halved as the wing alone sees it, the published strokes lose 4 hundredths; halved as the wake \
+     alone sees it, they gain 3 to 5. So the mean L+ of the published strokes hardly depends on it (0.877 at 0.7 c, 0.867 \
+     at 1 c, 0.868 at 1.4 c, 0.879 at 1.8 c), while violent strokes do. 1.2 c passes every canonical \
+     check which cores can spoil; 1.4 c is calmer and misses the lift slope at aspect ratio 8 by a hair.",
+    "**A core which develops in a quarter of a stroke is calmer and wrong.** With `core_growth_time` 0.25 halving all cores \
+     moves the means by 1.22, 0.81, 0.62 and 1.13 hundredths instead of 1.92, 1.40, 0.76 and 1.18, and refinement by less \
+     too. But the near wake is then blurred as the wing sees it: lift of an oscillating plate is 2 to 3 % too high at k = \
+     0.2 to 0.5 instead of 1, lift after a sudden start 2.7 % instead of 1.4, published lifts rise by two hundredths. \
+     Smaller cores of fresh wake (0.0625 c, wake on wing 0.1 c, bound on wake 0.05 c) make them matter less again (0.51, \
+     1.12, 0.39 and 0.82 when halved), but refinement then moves P+ by 2.4 hundredths instead of 1.7.",
     "**Refinement of everything tells less than the distance from a fine lattice.** More steps raise the power of violent \
      strokes, more panels along the chord lower it, and strips and steps have to grow together: strips much narrower than \
      a step, or steps much shorter than a strip, are worse than neither. 7 x 16 panels and 48 steps would pass for \

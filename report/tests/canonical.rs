@@ -58,17 +58,10 @@ fn added_mass_of_plates() {
     assert_group(&added_mass::group(), 9, &known);
 }
 
-/// The default wake spreads behind the wing: measured 1.6 and 1.0 % too much. With the default
-/// lattice as it is 1.9 and 2.1 %.
+/// The default lattice is one of the lattices whose limit is asked for: measured 1.5 % too much.
 #[test]
 fn steady_lift_slopes() {
-    let known = [
-        ("aspect ratio 8, limit of fine lattices", Setup::Production, 0.017),
-        ("aspect ratio 4, 6 x 12 panels", Setup::Production, 0.011),
-        ("aspect ratio 4, limit of fine lattices", Setup::Flown, 0.022),
-        ("aspect ratio 8, limit of fine lattices", Setup::Flown, 0.025),
-    ];
-    assert_group(&steady::group(), 12, &known);
+    assert_group(&steady::group(), 12, &[("aspect ratio 8, limit of fine lattices", Setup::Flown, 0.018)]);
 }
 
 /// The published values are those of four panels whose first row is a step behind the edge, which
@@ -87,11 +80,9 @@ fn sudden_start_of_finite_wings() {
     assert_group(&sudden_start::group(), 30, &known);
 }
 
-/// The default wake spreads: measured 4.4 % too little on 24 strips, 3.9 % on the seventeen of the default lattice.
 #[test]
 fn induced_drag_of_wings() {
-    let elliptic = |setup, limit| ("elliptic wing, aspect ratio 8", setup, limit);
-    assert_group(&induced_drag::group(), 6, &[elliptic(Setup::Production, 0.047), elliptic(Setup::Flown, 0.04)]);
+    assert_group(&induced_drag::group(), 6, &[]);
 }
 
 #[test]

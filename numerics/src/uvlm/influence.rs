@@ -96,8 +96,7 @@ impl RingInfluence<'_> {
     /// A segment of unit circulation.
     #[inline(always)]
     fn edge(&self, from: usize, to: usize) -> Edge {
-        let edge = Edge::between(self.node(from), self.node(to), 1.0);
-        Edge { core: edge.length2 * self.core * self.core, ..edge }
+        Edge::between(self.node(from), self.node(to), [self.core; 2], 1.0)
     }
 
     /// Velocity of a segment along the direction: d · (v x r) = (d x v) · r.
@@ -121,7 +120,7 @@ impl Work for Fill<'_, '_> {
     fn run<S: Level>(self, simd: S) {
         let Self { rings, matrix } = self;
         let (columns, strips) = (rings.columns, rings.columns - 1);
-        let zero = simd.splat_f64s(0.0);
+        let (zero, core2) = (simd.splat_f64s(0.0), rings.core * rings.core);
         let nothing = Seen::<S, f64>::nowhere(simd);
         let mut seen = [[nothing; MAX_COLUMNS]; 2];
         for start in (0..rings.targets.len()).step_by(S::F64_LANES) {
@@ -130,7 +129,7 @@ impl Work for Fill<'_, '_> {
             let (mut above, mut row) = (&mut above[..columns], &mut row[..columns]);
             for j in 0..rings.nodes[0].len() / columns {
                 for (k, place) in row.iter_mut().enumerate() {
-                    *place = see(simd, rings.node(j * columns + k), &target);
+                    *place = see(simd, rings.node(j * columns + k), core2, &target);
                 }
                 for k in 0..strips {
                     // The rear of the ring ahead, the front of the ring behind.

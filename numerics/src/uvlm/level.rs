@@ -115,11 +115,11 @@ pub const MOST_LANES: usize = 16;
 pub trait Real: Copy + Default + 'static {
     /// A register of such numbers.
     type Lanes<S: Level>: Copy;
-    /// Added to squared distances: keeps a node's own distance from being zero, and
-    /// what it divides from being all rounding error.
-    const CLOSEST2: Self;
     /// Added to denominators: keeps a node's own velocity 0 instead of 0/0.
     const SMALLEST: Self;
+    /// Whether one division and three products are faster than two divisions: where roots wait for
+    /// the same unit.
+    const DIVIDES_TOGETHER: bool;
     /// A number of this precision.
     fn of(x: f64) -> Self;
     /// The number in double precision.
@@ -149,12 +149,12 @@ pub trait Real: Copy + Default + 'static {
 }
 
 macro_rules! real {
-    ($real:ident, $lanes:ident, $count:ident, $closest2:expr, $smallest:expr, $root:expr,
+    ($real:ident, $lanes:ident, $count:ident, $smallest:expr, $together:expr, $root:expr,
      $splat:ident, $as:ident, $as_mut:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $fnma:ident) => {
         impl Real for $real {
             type Lanes<S: Level> = S::$lanes;
-            const CLOSEST2: Self = $closest2;
             const SMALLEST: Self = $smallest;
+            const DIVIDES_TOGETHER: bool = $together;
             #[inline(always)]
             fn of(x: f64) -> Self {
                 x as $real
@@ -231,8 +231,8 @@ real!(
     f64,
     f64s,
     F64_LANES,
-    1e-30,
     1e-60,
+    false,
     double_root,
     splat_f64s,
     as_simd_f64s,
@@ -248,8 +248,8 @@ real!(
     f32,
     f32s,
     F32_LANES,
-    1e-12,
     1e-18,
+    true,
     single_root,
     splat_f32s,
     as_simd_f32s,

@@ -54,9 +54,11 @@ impl Workload {
             |i: usize| [0.618_033_988_7, 0.414_213_562_4, 0.732_050_807_6].map(|step| (i as f64 * step).fract());
         let mut targets = Points::zeros(count);
         (0..count).for_each(|i| targets.set(i, place(i)));
-        let edge = |from: usize, to: usize| Edge { core: 1e-4, ..Edge::between(place(from), place(to), 0.25) };
+        let core = |i: usize| 0.02 + 0.01 * (i as f64 * 0.236_067_977_5).fract();
+        let edge = |from: usize, to: usize| Edge::between(place(from), place(to), [core(from), core(to)], 0.25);
         let node = |i: usize| Node {
             place: place(i),
+            core2: core(i).powi(2),
             spanwise: if i.is_multiple_of(columns) { Edge::NONE } else { edge(i - 1, i) },
             chordwise: if i >= columns { edge(i - columns, i) } else { Edge::NONE },
         };
@@ -79,13 +81,10 @@ pub fn induce_plainly(sheet: &Sheet<'_>, target: [f64; 3]) -> [f64; 3] {
             [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
         };
         let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-        let (ra, rb) = (dot(a, a).sqrt(), dot(b, b).sqrt());
+        let (ra, rb) = ((dot(a, a) + from.core2).sqrt(), (dot(b, b) + to.core2).sqrt());
         let product = ra * rb;
-        let den = product * (dot(cross(a, b), cross(a, b)) + edge.core);
-        if den > 0.0 {
-            let factor = 2.0 * (ra + rb) * (product - dot(a, b)) / den;
-            velocity.iter_mut().zip(cross(edge.vector, b)).for_each(|(v, c)| *v += factor * c);
-        }
+        let factor = 0.5 * (ra + rb) / (product * (product + dot(a, b) + (from.core2 * to.core2).sqrt()));
+        velocity.iter_mut().zip(cross(edge.vector, b)).for_each(|(v, c)| *v += factor * c);
     };
     for (i, node) in sheet.nodes.iter().enumerate() {
         if !i.is_multiple_of(sheet.columns) {
@@ -115,6 +114,35 @@ mod tests {
                     assert!((v - p).abs() <= 1e-9 * (1.0 + p.abs()), "{rows} x {columns}, {i}: {v} {p}");
                 }
             }
+        }
+    }
+
+    /// ∫ dl x r / (r² + c²)^(3/2) by the midpoint rule, c going linearly from end to end.
+    #[test]
+    fn a_segment_is_vorticity_spread_over_its_core() {
+        let (from, to, cores, target) = ([0.0, 0.0, 0.0], [0.3, 0.1, -0.2], [0.02, 0.4], [0.1, -0.2, 0.25]);
+        let edge = Edge::between(from, to, cores, 1.0);
+        let node = |place, core: f64, spanwise| Node { place, core2: core * core, spanwise, chordwise: Edge::NONE };
+        let nodes = [node(from, cores[0], Edge::NONE), node(to, cores[1], edge)];
+        let mut targets = Points::zeros(1);
+        targets.set(0, target);
+        let mut velocity = Points::zeros(1);
+        induce(&Sheet { columns: 2, nodes: &nodes }, &targets, &mut velocity);
+        let mut expected = [0.0; 3];
+        const PARTS: usize = 20_000;
+        for i in 0..PARTS {
+            let t = (i as f64 + 0.5) / PARTS as f64;
+            let r = [0, 1, 2].map(|c: usize| target[c] - from[c] - t * (to[c] - from[c]));
+            let core = cores[0] + t * (cores[1] - cores[0]);
+            let rho = (r.iter().map(|x| x * x).sum::<f64>() + core * core).sqrt();
+            let l = [0, 1, 2].map(|c: usize| (to[c] - from[c]) / PARTS as f64);
+            let cross = [l[1] * r[2] - l[2] * r[1], l[2] * r[0] - l[0] * r[2], l[0] * r[1] - l[1] * r[0]];
+            for (sum, cross) in expected.iter_mut().zip(cross) {
+                *sum += cross / (4.0 * std::f64::consts::PI * rho.powi(3));
+            }
+        }
+        for (v, e) in velocity.get(0).iter().zip(expected) {
+            assert!((v - e).abs() < 1e-8 * e.abs(), "{v} {e}");
         }
     }
 

@@ -26,7 +26,7 @@ table! {
         wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core to which fresh wake develops as the wing sees it";
         fresh_core_on_wing: f64 = 0.01, 1e-6..=2.0, "c", "core of the wake just shed as the wing sees it";
         core_growth_time: f64 = 0.5, 0.001..=10.0, "strokes", "time in which the core seen by the wing develops and begins to spread";
-        wake_spreading: f64 = 1.4, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
+        wake_spreading: f64 = 1.2, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
         suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";
         suction_in_plane: f64 = 0.0, 0.0..=1.0, "", "share of the leading-edge suction kept in the wing's plane";
         spanwise_cosine: f64 = 0.5, 0.0..=1.0, "", "spanwise spacing: 0 uniform, 1 cosine";

@@ -79,27 +79,25 @@ impl<T: Real> Points<T> {
 /// A vortex segment, which belongs to the node where it ends.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Edge<T = f64> {
-    /// Circulation / 8π times the way from the first node to the second, m³/s.
+    /// Circulation / 2π times the way from the first node to the second, m³/s.
     pub vector: [T; 3],
-    /// Squared length r0², m².
-    pub length2: T,
-    /// (length x core radius)², m⁴.
-    pub core: T,
+    /// Less its squared length and the squared difference of the cores at its ends, -r0² - (c1 - c2)², m².
+    pub minus_length2: T,
 }
 
 impl Edge {
-    /// No segment. Its core outweighs all lengths, for the kernel multiplies by
-    /// denominators of segments with and without circulation alike.
-    pub const NONE: Self = Self { vector: [0.0; 3], length2: 0.0, core: 1e60 };
+    /// No segment.
+    pub const NONE: Self = Self { vector: [0.0; 3], minus_length2: 0.0 };
 
-    /// From one node to another with a circulation in m²/s; its core is yet to be set. One
+    /// From one place to another, where the cores' radii are `cores` (m), with a circulation in m²/s. One
     /// without length (all chordwise edges meet in a pointed tip) has no vector, hence no velocity.
     #[inline(always)]
-    pub fn between(from: [f64; 3], to: [f64; 3], circulation: f64) -> Self {
+    pub fn between(from: [f64; 3], to: [f64; 3], cores: [f64; 2], circulation: f64) -> Self {
         let way = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-        let strength = circulation / (8.0 * std::f64::consts::PI);
+        let strength = circulation / std::f64::consts::TAU;
         let vector = [strength * way[0], strength * way[1], strength * way[2]];
-        Self { vector, length2: way[0] * way[0] + way[1] * way[1] + way[2] * way[2], core: 0.0 }
+        let wider = cores[1] - cores[0];
+        Self { vector, minus_length2: -(way[0] * way[0] + way[1] * way[1] + way[2] * way[2] + wider * wider) }
     }
 }
 
@@ -110,6 +108,8 @@ impl Edge {
 pub struct Node<T = f64> {
     /// Where it is, m.
     pub place: [T; 3],
+    /// Squared radius of the core which its segments have here, m².
+    pub core2: T,
     /// From the node before in its row; [`Edge::NONE`] in the first column.
     pub spanwise: Edge<T>,
     /// From the node of the row before; not looked at in the first row.

@@ -18,22 +18,21 @@ fn scale_for(size: f64) -> f64 {
     2.0_f64.powi((2 - exponent).clamp(-60, 60))
 }
 
-/// Above all cores of segments, whose lengths are below 20, and far from the largest number.
-const NO_CORE: f64 = 1e8;
+/// Square of the least core in these units: keeps what a distance divides from being all rounding error.
+const LEAST_CORE2: f32 = 1e-12;
 
 /// Lengths x `scale`; velocity then comes out divided by it.
 fn edge(from: &Edge, scale: f64) -> Edge<f32> {
-    let scale2 = scale * scale;
     Edge {
         vector: from.vector.map(|x| (x * scale) as f32),
-        length2: (from.length2 * scale2) as f32,
-        core: (from.core * (scale2 * scale2)).min(NO_CORE) as f32,
+        minus_length2: (from.minus_length2 * (scale * scale)) as f32,
     }
 }
 
 fn node(from: &Node, scale: f64) -> Node<f32> {
     Node {
         place: from.place.map(|x| (x * scale) as f32),
+        core2: ((from.core2 * (scale * scale)) as f32).max(LEAST_CORE2),
         spanwise: edge(&from.spanwise, scale),
         chordwise: edge(&from.chordwise, scale),
     }

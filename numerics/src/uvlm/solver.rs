@@ -280,10 +280,8 @@ impl Solver {
     /// Velocity of the wake alone at collocation points, their images and bound segments.
     fn wake_on_wing(&mut self) {
         self.vorticity.clear_bound();
-        self.vorticity.assemble();
         let cores = self.cores;
-        let radius = move |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age) };
-        self.vorticity.set_cores(self.time, radius);
+        self.vorticity.assemble(self.time, |age| if age <= 0.0 { cores.bound } else { cores.on_wing(age) });
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {
             induce(&wake, &self.near, &mut self.near_velocity);
@@ -364,8 +362,7 @@ impl Solver {
     fn convect(&mut self, dt: f64) {
         let cores = self.cores;
         // On the line at the edge both sheets meet: it has the wake's core for both.
-        let across = move |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age) };
-        self.vorticity.set_cores(self.time, across);
+        self.vorticity.assemble(self.time, |age| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age) });
         let nodes = self.vorticity.convected();
         let moved = nodes.len();
         self.wake_targets.resize(2 * moved);

@@ -32,6 +32,8 @@ pub struct Vorticity {
     nodes: [Vec<f64>; 3],
     /// Ring circulations, row by row, bound rings first, m²/s.
     circulation: Vec<f64>,
+    /// Core radius at each row of nodes, m.
+    cores: Vec<f64>,
     /// Nodes with their segments, as the kernel wants them.
     sheet: Vec<Node>,
 }
@@ -49,6 +51,7 @@ impl Vorticity {
             left: vec![0.0; most_rows],
             nodes: [along(), along(), along()],
             circulation: vec![0.0; most_rows * (columns - 1)],
+            cores: vec![0.0; most_rows],
             sheet: vec![Node::default(); most_rows * columns],
         }
     }
@@ -174,13 +177,19 @@ impl Vorticity {
         corners.iter().map(|i| crate::kinematics::Vector::from(self.node(*i))).sum::<crate::kinematics::Vector>() * 0.25
     }
 
-    /// Recomputes all segments after nodes or circulations changed. Cores
-    /// are kept, which is right for segments which keep their places.
-    pub fn assemble(&mut self) {
+    /// Recomputes all segments: `radius(age)` gives the core radius at a row of nodes, m; age is the
+    /// time `now` since the edge was left, s, negative on the wing.
+    pub fn assemble(&mut self, now: f64, radius: impl Fn(f64) -> f64) {
+        let edge = self.edge_row();
+        for row in 0..self.rows {
+            let age = if row > edge { now - self.left[row] } else { row as f64 - edge as f64 };
+            self.cores[row] = radius(age);
+        }
         self.assemble_rows(0..self.rows);
     }
 
-    /// Recomputes the segments of the wing and the edge after the bound circulations changed.
+    /// Recomputes the segments of the wing and the edge after the bound circulations changed. Cores
+    /// are kept.
     pub fn assemble_bound(&mut self) {
         self.assemble_rows(0..self.bound_rows);
     }
@@ -196,35 +205,16 @@ impl Vorticity {
             for k in 0..columns {
                 let i = j * columns + k;
                 let (ahead, inboard) = (j.checked_sub(1), k.checked_sub(1));
-                let Node { spanwise: along, chordwise: down, .. } = self.sheet[i];
-                let segment = |from: Option<usize>, circulation: f64, core: f64| match from {
-                    Some(from) => Edge { core, ..Edge::between(self.node(from), self.node(i), circulation) },
-                    None => Edge::NONE,
-                };
-                let before = inboard.map(|_| i - 1);
-                let spanwise = segment(before, ring(ahead, inboard) - ring(Some(j), inboard), along.core);
-                let over = ahead.map(|_| i - columns);
-                let chordwise = segment(over, ring(ahead, Some(k)) - ring(ahead, inboard), down.core);
-                self.sheet[i] = Node { place: self.node(i), spanwise, chordwise };
-            }
-        }
-    }
-
-    /// Sets the cores: `radius(age)` gives the core radius of segments, m; age is the
-    /// time `now` since the edge was left, s, negative on the wing.
-    pub fn set_cores(&mut self, now: f64, radius: impl Fn(f64) -> f64) {
-        let (columns, edge) = (self.columns, self.edge_row());
-        let age = |row: usize| if row > edge { now - self.left[row] } else { row as f64 - edge as f64 };
-        for (row, nodes) in self.sheet.chunks_exact_mut(columns).take(self.rows).enumerate() {
-            let along = radius(age(row)).powi(2);
-            for node in &mut nodes[1..] {
-                node.spanwise.core = node.spanwise.length2 * along;
-            }
-            if row > 0 {
-                let down = radius(0.5 * (age(row - 1) + age(row))).powi(2);
-                for node in nodes {
-                    node.chordwise.core = node.chordwise.length2 * down;
-                }
+                let core = self.cores[j];
+                let spanwise = inboard.map_or(Edge::NONE, |_| {
+                    let circulation = ring(ahead, inboard) - ring(Some(j), inboard);
+                    Edge::between(self.node(i - 1), self.node(i), [core; 2], circulation)
+                });
+                let chordwise = ahead.map_or(Edge::NONE, |ahead| {
+                    let circulation = ring(Some(ahead), Some(k)) - ring(Some(ahead), inboard);
+                    Edge::between(self.node(i - columns), self.node(i), [self.cores[ahead], core], circulation)
+                });
+                self.sheet[i] = Node { place: self.node(i), core2: core * core, spanwise, chordwise };
             }
         }
     }

@@ -37,12 +37,12 @@ const CORES: [Trial; 9] = [
     trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.0625)]),
     trial("wake on wing, developed, halved", &[("wake_core_on_wing", 0.15)]),
     trial("wake on wing, fresh, halved", &[("fresh_core_on_wing", 0.005)]),
-    trial("spreading halved", &[("wake_spreading", 0.7)]),
+    trial("spreading halved", &[("wake_spreading", 0.6)]),
     trial("bound, halved", &[("bound_core", 0.0005)]),
     trial("bound on wake, halved", &[("bound_core_on_wake", 0.05)]),
     trial("growth time halved", &[("core_growth_time", 0.25)]),
     trial(
-        "all cores halved, the spreading kept",
+        "**all cores halved, the spreading kept**",
         &[
             ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
@@ -57,7 +57,7 @@ const CORES: [Trial; 9] = [
             ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
             ("fresh_core_on_wing", 0.005),
-            ("wake_spreading", 0.7),
+            ("wake_spreading", 0.6),
             ("bound_core", 0.0005),
             ("bound_core_on_wake", 0.05),
         ],
