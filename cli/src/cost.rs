@@ -11,10 +11,9 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::resolve::ResolvedModel;
 use serde::Serialize;
 
-/// Strokes timed; they differ little, for the lattice's work does not depend on the stroke.
-const STROKES: u64 = 3;
-/// Times each is flown; the median counts.
-const ROUNDS: usize = 3;
+/// Strokes timed, each once: they differ more than a flight from the same again, for each is flown
+/// until its own standard errors are small.
+const STROKES: u64 = 9;
 /// The strokes are the same on every machine.
 const SEED: u64 = 1;
 /// All flights together take about this long at most, unless one stroke of one takes longer.
@@ -47,7 +46,7 @@ pub fn measure(
 ) -> Option<Cost> {
     let strokes = strokes(model, bounds, margin_mm);
     let (production_sample_s, extrapolated) = match one_stroke(model, strokes.first()?) {
-        Some(long) if long > PATIENCE.as_secs_f64() / (STROKES as f64 * ROUNDS as f64) => {
+        Some(long) if long > PATIENCE.as_secs_f64() / STROKES as f64 => {
             // One whole flight is worth waiting for, nine are not.
             let whole = long <= PATIENCE.as_secs_f64();
             (if whole { flight(model, &strokes[0]) } else { long }, !whole)
@@ -80,12 +79,9 @@ fn flight(model: &ResolvedModel, stroke: &Point) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-/// Mean over the strokes, median over the rounds, s.
+/// Mean over the strokes, s.
 fn whole_samples(model: &ResolvedModel, strokes: &[Point]) -> f64 {
-    let mut rounds: [f64; ROUNDS] =
-        std::array::from_fn(|_| strokes.iter().map(|x| flight(model, x)).sum::<f64>() / strokes.len() as f64);
-    rounds.sort_by(f64::total_cmp);
-    rounds[ROUNDS / 2]
+    strokes.iter().map(|x| flight(model, x)).sum::<f64>() / strokes.len() as f64
 }
 
 /// About the time of a sample, from its first stroke; none for blade elements, which take none.
