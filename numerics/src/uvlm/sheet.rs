@@ -81,7 +81,7 @@ impl<T: Real> Points<T> {
 pub struct Edge<T = f64> {
     /// Circulation / 2π times the way from the first node to the second, m³/s.
     pub vector: [T; 3],
-    /// Less its squared length and the squared difference of the cores at its ends, -r0² - (c1 - c2)², m².
+    /// -(r0² + (c1 - c2)²): its length and the difference of the cores at its ends, m².
     pub minus_length2: T,
 }
 
