@@ -13,7 +13,7 @@ use serde::Serialize;
 
 /// Strokes timed, each once: they differ more than a flight from the same again, for each is flown
 /// until its own standard errors are small.
-const STROKES: u64 = 9;
+pub const STROKES: u64 = 9;
 /// The strokes are the same on every machine.
 const SEED: u64 = 1;
 /// All flights together take about this long at most, unless one stroke of one takes longer.
@@ -47,7 +47,7 @@ pub fn measure(
     let strokes = strokes(model, bounds, margin_mm);
     let (production_sample_s, extrapolated) = match one_stroke(model, strokes.first()?) {
         Some(long) if long > PATIENCE.as_secs_f64() / STROKES as f64 => {
-            // One whole flight is worth waiting for, nine are not.
+            // One whole flight is worth waiting for, all are not.
             let whole = long <= PATIENCE.as_secs_f64();
             (if whole { flight(model, &strokes[0]) } else { long }, !whole)
         }

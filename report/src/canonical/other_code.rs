@@ -47,11 +47,12 @@ const MEAN_THICK: &str = "mean lift, mN, bound core 0.05 c";
 /// The checks.
 pub fn group() -> Group {
     let in_plane = |settings: Settings| Settings { suction_to_lift: 0.0, suction_in_plane: 1.0, ..settings };
-    let fine = Settings { steps_per_stroke: 40, ..in_plane(Scheme::fine(0.05, 0.125, 6).settings) };
+    let with_cores = |core| Settings { steps_per_stroke: 40, ..in_plane(Scheme::fine(core, 0.125, 6).settings) };
+    let fine = with_cores(0.05);
     let flown = in_plane(Settings::default());
     let production = Settings { steps_per_stroke: 40, chordwise_panels: 6, ..flown };
     let thick = |settings: Settings| Settings { bound_core: 0.05, ..settings };
-    let thin = Settings { steps_per_stroke: 40, ..in_plane(Scheme::fine(flown.bound_core, 0.125, 6).settings) };
+    let thin = with_cores(flown.bound_core);
     let theirs = |settings: Settings| 1e3 * second_half_lift(&settings, 12, 0.0);
     let closer = |settings: Settings| theirs(Settings { steps_per_stroke: 80, ..settings });
     let finer = |settings: Settings| {

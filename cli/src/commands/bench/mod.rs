@@ -218,7 +218,7 @@ fn print(out: &mut Output, r: &SolverReport) -> std::io::Result<()> {
             row("6 x 12 panels, 40 steps, 3 strokes, whole wake, s", format!("{:.3}", r.case_6x12_s)),
             row("8 x 16 panels, 60 steps, 4 strokes, whole wake, s", format!("{:.2}", r.case_8x16_s)),
             row(
-                "one sample at the default settings, mean of nine strokes, s",
+                &format!("one sample at the default settings, mean of {} strokes, s", cost::STROKES),
                 format!("{:.3}", r.study.production_sample_s),
             ),
             row(
