@@ -105,7 +105,7 @@ impl RingInfluence<'_> {
         let ([dx, dy, dz], [vx, vy, vz]) = (self.direction, edge.vector);
         let [x, y, z] = [dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx];
         let across = [simd.splat_f64s(x), simd.splat_f64s(y), simd.splat_f64s(z)];
-        let f = factor(simd, a, b, edge);
+        let f = factor::<S, f64>(simd, a.r, b.r, edge);
         simd.mul_f64s(b.dot(simd, across), simd.div_f64s(f.num, f.den))
     }
 }

@@ -8,7 +8,11 @@
 //!
 //! Lanes are targets, so no sum crosses lanes and the order of every sum is that
 //! of the sheet's segments: the result has the same bits on every instruction
-//! level, whether a register holds one target or sixteen.
+//! level, whether a register holds one target or sixteen. What differs between
+//! levels is only when each operation of a segment is done ([`ahead`], [`staged`]).
+
+mod ahead;
+mod staged;
 
 use crate::uvlm::level::{Level, Real, Work, dispatch};
 pub use crate::uvlm::sheet::{Edge, Node, Points, Sheet, segments};
@@ -23,7 +27,7 @@ pub(super) struct Seen<S: Level, T: Real> {
     x: T::Lanes<S>,
     y: T::Lanes<S>,
     z: T::Lanes<S>,
-    r: T::Lanes<S>,
+    pub(super) r: T::Lanes<S>,
 }
 
 impl<S: Level, T: Real> Clone for Seen<S, T> {
@@ -51,11 +55,18 @@ impl<S: Level, T: Real> Seen<S, T> {
 
 #[inline(always)]
 pub(super) fn see<S: Level, T: Real>(simd: S, node: [T; 3], core2: T, target: &[T::Lanes<S>; 3]) -> Seen<S, T> {
+    let seen = look(simd, node, core2, target);
+    Seen { r: T::root(simd, seen.r), ..seen }
+}
+
+/// The node with the square of its distance in `r`.
+#[inline(always)]
+fn look<S: Level, T: Real>(simd: S, node: [T; 3], core2: T, target: &[T::Lanes<S>; 3]) -> Seen<S, T> {
     let x = T::sub(simd, target[0], T::splat(simd, node[0]));
     let y = T::sub(simd, target[1], T::splat(simd, node[1]));
     let z = T::sub(simd, target[2], T::splat(simd, node[2]));
     let zz = T::mul_add(simd, z, z, T::splat(simd, core2));
-    let r = T::root(simd, T::mul_add(simd, x, x, T::mul_add(simd, y, y, zz)));
+    let r = T::mul_add(simd, x, x, T::mul_add(simd, y, y, zz));
     Seen { x, y, z, r }
 }
 
@@ -65,7 +76,7 @@ pub(super) struct Factor<S: Level, T: Real> {
     pub(super) den: T::Lanes<S>,
 }
 
-/// The factor of a segment from `a` to `b`:
+/// The factor of a segment from `a` to `b`, given as their distances R1 and R2:
 ///
 /// V = Γ/4π ∫ dl x r / (r² + c²)^(3/2) = Γ/2π (R1 + R2) / [R1 R2 ((R1 + R2)² - r0² - (c1 - c2)²)] (r0 x r2)
 ///
@@ -76,9 +87,9 @@ pub(super) struct Factor<S: Level, T: Real> {
 /// ahead of a trailing vortex as from the air beside it. r1 x r2 = r0 x r2, which far away is no
 /// difference of large numbers. On the segment's extension the velocity is zero.
 #[inline(always)]
-pub(super) fn factor<S: Level, T: Real>(simd: S, a: &Seen<S, T>, b: &Seen<S, T>, edge: &Edge<T>) -> Factor<S, T> {
-    let product = T::mul(simd, a.r, b.r);
-    let sum = T::add(simd, a.r, b.r);
+pub(super) fn factor<S: Level, T: Real>(simd: S, a: T::Lanes<S>, b: T::Lanes<S>, edge: &Edge<T>) -> Factor<S, T> {
+    let product = T::mul(simd, a, b);
+    let sum = T::add(simd, a, b);
     let rest = T::mul_add(simd, sum, sum, T::splat(simd, edge.minus_length2));
     Factor { num: sum, den: T::mul_add(simd, product, rest, T::splat(simd, T::SMALLEST)) }
 }
@@ -131,14 +142,15 @@ impl<S: Level, T: Real> Pair<S, T> {
     #[inline(always)]
     fn none(simd: S) -> Self {
         let zero = T::splat(simd, T::default());
-        Self { spanwise: zero, chordwise: zero, inverse: zero }
+        Self { spanwise: zero, chordwise: zero, inverse: T::splat(simd, T::of(1.0)) }
     }
 
-    /// `inverse` is yet the denominator.
+    /// `inverse` is yet the denominator. From the distances of the node inboard, the node above
+    /// and the node itself.
     #[inline(always)]
-    fn undivided(simd: S, node: &Node<T>, inboard: &Seen<S, T>, above: &Seen<S, T>, here: &Seen<S, T>) -> Self {
-        let s = factor(simd, inboard, here, &node.spanwise);
-        let t = factor(simd, above, here, &node.chordwise);
+    fn undivided(simd: S, node: &Node<T>, [inboard, above, here]: [T::Lanes<S>; 3]) -> Self {
+        let s = factor::<S, T>(simd, inboard, here, &node.spanwise);
+        let t = factor::<S, T>(simd, above, here, &node.chordwise);
         let spanwise = T::mul(simd, s.num, t.den);
         let chordwise = T::mul(simd, t.num, s.den);
         Self { spanwise, chordwise, inverse: T::mul(simd, s.den, t.den) }
@@ -171,98 +183,18 @@ impl<S: Level, T: Real> Pair<S, T> {
     }
 }
 
-/// How many nodes are looked at before their segments are evaluated; even.
-const AHEAD: usize = 4;
-const SLOTS: usize = 2 * MAX_COLUMNS;
-
-/// The last nodes seen, a row and a few more, node n in slot n modulo a power of two.
-/// No larger than the row needs, so that it stays in the nearest cache.
-struct Ring<S: Level, T: Real> {
-    slots: [Seen<S, T>; SLOTS],
-    mask: usize,
-}
-
-impl<S: Level, T: Real> Ring<S, T> {
-    #[inline(always)]
-    fn new(simd: S, columns: usize) -> Self {
-        let mask = (columns + AHEAD + 3).next_power_of_two() - 1;
-        Self { slots: [Seen::nowhere(simd); SLOTS], mask: mask & (SLOTS - 1) }
-    }
-
-    #[inline(always)]
-    fn at(&self, n: usize) -> &Seen<S, T> {
-        &self.slots[n & self.mask & (SLOTS - 1)]
-    }
-
-    #[inline(always)]
-    fn see(&mut self, simd: S, n: usize, node: &Node<T>, target: &[T::Lanes<S>; 3]) {
-        self.slots[n & self.mask & (SLOTS - 1)] = see(simd, node.place, node.core2, target);
-    }
-}
-
-/// Adds the velocity at a register of targets. Node after node in one loop: the roots of
-/// nodes ahead and the quotients of the nodes behind are under way while segments are
-/// evaluated, for either takes as long as all the rest.
+/// Adds the segment between two nodes of the first row, which has none from a row before.
 #[inline(always)]
-fn induce_block<S: Level, T: Real>(
+fn first_row_added<S: Level, T: Real>(
     simd: S,
-    sheet: &Sheet<'_, T>,
-    target: &[T::Lanes<S>; 3],
+    node: &Node<T>,
+    inboard: &Seen<S, T>,
+    here: &Seen<S, T>,
     velocity: [T::Lanes<S>; 3],
-    ring: &mut Ring<S, T>,
 ) -> [T::Lanes<S>; 3] {
-    let columns = sheet.columns;
-    let mut velocity = first_row(simd, &sheet.nodes[..columns], target, velocity, ring);
-    let (pairs, odd) = sheet.nodes[columns..].as_chunks::<2>();
-    for (i, node) in sheet.nodes[columns..].iter().take(AHEAD).enumerate() {
-        ring.see(simd, columns + i, node, target);
-    }
-    let Some(mut before) = pairs.first() else { return velocity };
-    let mut inboard = *ring.at(columns - 1);
-    let (mut p, mut q) = (Pair::none(simd), Pair::none(simd));
-    let mut n = columns;
-    for (i, pair) in pairs.iter().enumerate() {
-        let ahead = &pairs[(i + AHEAD / 2).min(pairs.len() - 1)];
-        ring.see(simd, n + AHEAD, &ahead[0], target);
-        velocity = p.added(simd, &before[0], ring.at(n - 2), velocity);
-        p = Pair::undivided(simd, &pair[0], &inboard, ring.at(n - columns), ring.at(n));
-        ring.see(simd, n + AHEAD + 1, &ahead[1], target);
-        velocity = q.added(simd, &before[1], ring.at(n - 1), velocity);
-        q = Pair::undivided(simd, &pair[1], ring.at(n), ring.at(n + 1 - columns), ring.at(n + 1));
-        inboard = *ring.at(n + 1);
-        p.divide_both(&mut q, simd);
-        before = pair;
-        n += 2;
-    }
-    velocity = p.added(simd, &before[0], ring.at(n - 2), velocity);
-    velocity = q.added(simd, &before[1], ring.at(n - 1), velocity);
-    if let [node] = odd {
-        ring.see(simd, n, node, target);
-        let mut p = Pair::undivided(simd, node, &inboard, ring.at(n - columns), ring.at(n));
-        p.divide(simd);
-        velocity = p.added(simd, node, ring.at(n), velocity);
-    }
-    velocity
-}
-
-/// The first row, which has no segments from a row before.
-#[inline(always)]
-fn first_row<S: Level, T: Real>(
-    simd: S,
-    row: &[Node<T>],
-    target: &[T::Lanes<S>; 3],
-    mut velocity: [T::Lanes<S>; 3],
-    ring: &mut Ring<S, T>,
-) -> [T::Lanes<S>; 3] {
-    for (n, node) in row.iter().enumerate() {
-        ring.see(simd, n, node, target);
-        if n > 0 {
-            let f = factor(simd, ring.at(n - 1), ring.at(n), &node.spanwise);
-            let u = scaled::<S, T>(simd, T::div(simd, f.num, f.den), &node.spanwise.vector);
-            velocity = cross_added(simd, u, ring.at(n), velocity);
-        }
-    }
-    velocity
+    let f = factor::<S, T>(simd, inboard.r, here.r, &node.spanwise);
+    let u = scaled::<S, T>(simd, T::div(simd, f.num, f.den), &node.spanwise.vector);
+    cross_added(simd, u, here, velocity)
 }
 
 /// The arguments of [`induce`] as work for a level.
@@ -276,11 +208,21 @@ impl<T: Real> Work for Induce<'_, '_, T> {
     #[inline(always)]
     fn run<S: Level>(self, simd: S) {
         let Self { sheet, targets, velocity } = self;
-        let mut ring = Ring::new(simd, sheet.columns);
-        for start in (0..targets.len()).step_by(T::lanes::<S>()) {
-            let target = targets.load(simd, start);
-            let v = induce_block(simd, sheet, &target, velocity.load(simd, start), &mut ring);
-            velocity.store(simd, start, v);
+        let blocks = (0..targets.len()).step_by(T::lanes::<S>());
+        if S::ROOTS_IN_STAGES {
+            let mut line = staged::Line::new(simd, sheet.columns);
+            for start in blocks {
+                let target = targets.load(simd, start);
+                let v = staged::induce(simd, sheet, &target, velocity.load(simd, start), &mut line);
+                velocity.store(simd, start, v);
+            }
+        } else {
+            let mut ring = ahead::Ring::new(simd, sheet.columns);
+            for start in blocks {
+                let target = targets.load(simd, start);
+                let v = ahead::induce(simd, sheet, &target, velocity.load(simd, start), &mut ring);
+                velocity.store(simd, start, v);
+            }
         }
     }
 }
@@ -308,7 +250,7 @@ pub fn interactions<T: Real>(sheet: &Sheet<'_, T>, targets: &Points<T>) -> u64 {
 mod tests {
     use super::*;
 
-    fn same_bits_everywhere<T: Real + PartialEq + std::fmt::Debug>(columns: usize) {
+    fn same_bits_everywhere<T: Real + PartialEq + std::fmt::Debug>(rows: usize, columns: usize) {
         let number = |i: usize, step: f64| T::of((i as f64 * step).fract());
         let three = |i: usize, steps: [f64; 3]| steps.map(|step| number(i, step));
         let edge = |i| Edge { vector: three(i, [0.3, 0.8, 0.9]), minus_length2: number(i, -0.577) };
@@ -318,7 +260,7 @@ mod tests {
             spanwise: edge(i + 3),
             chordwise: edge(i),
         };
-        let nodes: Vec<Node<T>> = (0..7 * columns).map(node).collect();
+        let nodes: Vec<Node<T>> = (0..rows * columns).map(node).collect();
         let sheet = Sheet { columns, nodes: &nodes };
         let mut targets = Points::<T>::zeros(21);
         (0..21).for_each(|i| targets.set(i, [0.1, 0.7, 0.3].map(|s| (f64::from(i as u32) * s).fract())));
@@ -341,9 +283,31 @@ mod tests {
 
     #[test]
     fn every_level_gives_the_same_bits() {
-        for columns in [2, 5, 6] {
-            same_bits_everywhere::<f64>(columns);
-            same_bits_everywhere::<f32>(columns);
+        for (rows, columns) in [(1, 2), (2, 2), (2, 3), (7, 2), (7, 5), (6, 7), (7, 6), (9, 18), (4, MAX_COLUMNS)] {
+            same_bits_everywhere::<f64>(rows, columns);
+            same_bits_everywhere::<f32>(rows, columns);
+        }
+    }
+
+    /// Registers of targets follow one another through the same memory.
+    #[test]
+    fn a_target_which_is_lost_leaves_the_others_alone() {
+        for columns in [2, 3, 4, 7] {
+            let mut work = crate::uvlm::probe::Workload::new(40, columns);
+            let count = work.targets.len();
+            for level in crate::uvlm::level::available() {
+                let mut induced = |target: [f64; 3]| {
+                    work.targets.set(1, target);
+                    let mut velocity = Points::zeros(count);
+                    let sheet = work.sheet();
+                    let induce = Induce { sheet: &sheet, targets: &work.targets, velocity: &mut velocity };
+                    crate::uvlm::level::run_at(level, induce);
+                    velocity
+                };
+                let (sound, lost) = (induced([0.5; 3]), induced([f64::NAN; 3]));
+                assert!(lost.get(1)[0].is_nan() && sound.get(1)[0].is_finite());
+                assert!((2..count).all(|i| sound.get(i) == lost.get(i)), "{columns} columns, {level}");
+            }
         }
     }
 

@@ -9,45 +9,77 @@ use pulp::{NullaryFnOnce, Scalar, Simd};
 
 /// An instruction level.
 pub trait Level: Simd {
-    /// 1/√x to single precision. `x` must lie between 1e-37 and 1e38.
-    fn inverse_root_seed(self, x: Self::f64s) -> Self::f64s;
-}
-
-fn seed(x: f64) -> f64 {
-    f64::from(1.0 / (x as f32).sqrt())
+    /// Numbers of single precision, as many as `f64s` has.
+    type Singles: Copy;
+    /// Whether many roots should be under way, each a stage further at a time ([`Real::root_begin`]).
+    const ROOTS_IN_STAGES: bool;
+    /// √x to single precision. `x` must lie between 1e-37 and 1e38.
+    fn rough_root(self, x: Self::f64s) -> Self::Singles;
+    /// 1/x in single precision.
+    fn rough_inverse(self, x: Self::Singles) -> Self::f64s;
 }
 
 impl Level for Scalar {
+    type Singles = f32;
+    const ROOTS_IN_STAGES: bool = false;
+
     #[inline(always)]
-    fn inverse_root_seed(self, x: f64) -> f64 {
-        seed(x)
+    fn rough_root(self, x: f64) -> f32 {
+        (x as f32).sqrt()
+    }
+
+    #[inline(always)]
+    fn rough_inverse(self, x: f32) -> f64 {
+        f64::from(1.0 / x)
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Level for pulp::x86::V3 {
+    type Singles = pulp::f32x4;
+    const ROOTS_IN_STAGES: bool = true;
+
     #[inline(always)]
-    fn inverse_root_seed(self, x: Self::f64s) -> Self::f64s {
-        let root = self.sqrt_f32x4(self.convert_f64x4_to_f32x4(x));
-        self.convert_f32x4_to_f64x4(self.div_f32x4(self.splat_f32x4(1.0), root))
+    fn rough_root(self, x: Self::f64s) -> Self::Singles {
+        self.sqrt_f32x4(self.convert_f64x4_to_f32x4(x))
+    }
+
+    #[inline(always)]
+    fn rough_inverse(self, x: Self::Singles) -> Self::f64s {
+        self.convert_f32x4_to_f64x4(self.div_f32x4(self.splat_f32x4(1.0), x))
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Level for pulp::x86::V4 {
+    type Singles = pulp::f32x8;
+    const ROOTS_IN_STAGES: bool = false;
+
     #[inline(always)]
-    fn inverse_root_seed(self, x: Self::f64s) -> Self::f64s {
-        let root = self.sqrt_f32x8(self.convert_f64x8_to_f32x8(x));
-        self.convert_f32x8_to_f64x8(self.div_f32x8(self.splat_f32x8(1.0), root))
+    fn rough_root(self, x: Self::f64s) -> Self::Singles {
+        self.sqrt_f32x8(self.convert_f64x8_to_f32x8(x))
+    }
+
+    #[inline(always)]
+    fn rough_inverse(self, x: Self::Singles) -> Self::f64s {
+        self.convert_f32x8_to_f64x8(self.div_f32x8(self.splat_f32x8(1.0), x))
     }
 }
 
 #[cfg(target_arch = "aarch64")]
 impl Level for pulp::aarch64::Neon {
+    type Singles = [f32; 2];
+    const ROOTS_IN_STAGES: bool = false;
+
     #[inline(always)]
-    fn inverse_root_seed(self, x: Self::f64s) -> Self::f64s {
-        let lanes: [f64; 2] = pulp::cast(x);
-        pulp::cast(lanes.map(seed))
+    fn rough_root(self, x: Self::f64s) -> Self::Singles {
+        let [a, b]: [f64; 2] = pulp::cast(x);
+        [(a as f32).sqrt(), (b as f32).sqrt()]
+    }
+
+    #[inline(always)]
+    fn rough_inverse(self, [a, b]: Self::Singles) -> Self::f64s {
+        pulp::cast([f64::from(1.0 / a), f64::from(1.0 / b)])
     }
 }
 
@@ -144,12 +176,26 @@ pub trait Real: Copy + Default + 'static {
     fn mul_add<S: Level>(simd: S, a: Self::Lanes<S>, b: Self::Lanes<S>, c: Self::Lanes<S>) -> Self::Lanes<S>;
     /// c - a b, rounded once
     fn sub_mul<S: Level>(simd: S, c: Self::Lanes<S>, a: Self::Lanes<S>, b: Self::Lanes<S>) -> Self::Lanes<S>;
+    /// A root which was begun.
+    type Begun<S: Level>: Copy;
+    /// What a root is refined from.
+    type Seed<S: Level>: Copy;
+    /// First stage of √a.
+    fn root_begin<S: Level>(simd: S, a: Self::Lanes<S>) -> Self::Begun<S>;
+    /// Second stage of a root.
+    fn root_go_on<S: Level>(simd: S, begun: Self::Begun<S>) -> Self::Seed<S>;
+    /// Last stage of √a.
+    fn root_end<S: Level>(simd: S, a: Self::Lanes<S>, seed: Self::Seed<S>) -> Self::Lanes<S>;
     /// √a
-    fn root<S: Level>(simd: S, a: Self::Lanes<S>) -> Self::Lanes<S>;
+    #[inline(always)]
+    fn root<S: Level>(simd: S, a: Self::Lanes<S>) -> Self::Lanes<S> {
+        Self::root_end(simd, a, Self::root_go_on(simd, Self::root_begin(simd, a)))
+    }
 }
 
 macro_rules! real {
-    ($real:ident, $lanes:ident, $count:ident, $smallest:expr, $together:expr, $root:expr,
+    ($real:ident, $lanes:ident, $count:ident, $smallest:expr, $together:expr,
+     root: $begun:ty, $begin:expr, $seed:ty, $go_on:expr, $end:expr,
      $splat:ident, $as:ident, $as_mut:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $fnma:ident) => {
         impl Real for $real {
             type Lanes<S: Level> = S::$lanes;
@@ -203,9 +249,19 @@ macro_rules! real {
             fn sub_mul<S: Level>(simd: S, c: S::$lanes, a: S::$lanes, b: S::$lanes) -> S::$lanes {
                 simd.$fnma(a, b, c)
             }
+            type Begun<S: Level> = $begun;
+            type Seed<S: Level> = $seed;
             #[inline(always)]
-            fn root<S: Level>(simd: S, a: S::$lanes) -> S::$lanes {
-                $root(simd, a)
+            fn root_begin<S: Level>(simd: S, a: S::$lanes) -> $begun {
+                $begin(simd, a)
+            }
+            #[inline(always)]
+            fn root_go_on<S: Level>(simd: S, begun: $begun) -> $seed {
+                $go_on(simd, begun)
+            }
+            #[inline(always)]
+            fn root_end<S: Level>(simd: S, a: S::$lanes, seed: $seed) -> S::$lanes {
+                $end(simd, a, seed)
             }
         }
     };
@@ -214,8 +270,7 @@ macro_rules! real {
 /// √x = x y with y = 1/√x refined from its seed: y (1 + h/2 + 3h²/8), h = 1 - x y²,
 /// whose error 5h³/16 is below 1e-20 relative.
 #[inline(always)]
-fn double_root<S: Level>(simd: S, x: S::f64s) -> S::f64s {
-    let seed = simd.inverse_root_seed(x);
+fn refined_root<S: Level>(simd: S, x: S::f64s, seed: S::f64s) -> S::f64s {
     let root = simd.mul_f64s(x, seed);
     let h = simd.negate_mul_add_f64s(root, seed, simd.splat_f64s(1.0));
     let factor = simd.mul_f64s(h, simd.mul_add_f64s(h, simd.splat_f64s(0.375), simd.splat_f64s(0.5)));
@@ -223,7 +278,21 @@ fn double_root<S: Level>(simd: S, x: S::f64s) -> S::f64s {
 }
 
 #[inline(always)]
-fn single_root<S: Level>(simd: S, x: S::f32s) -> S::f32s {
+fn rough_root<S: Level>(simd: S, x: S::f64s) -> S::Singles {
+    simd.rough_root(x)
+}
+
+#[inline(always)]
+fn rough_inverse<S: Level>(simd: S, x: S::Singles) -> S::f64s {
+    simd.rough_inverse(x)
+}
+
+#[inline(always)]
+fn nothing<S: Level, T>(_: S, _: T) {}
+
+/// The processor's own root, in one stage.
+#[inline(always)]
+fn whole_root<S: Level>(simd: S, x: S::f32s, (): ()) -> S::f32s {
     simd.sqrt_f32s(x)
 }
 
@@ -233,7 +302,11 @@ real!(
     F64_LANES,
     1e-60,
     false,
-    double_root,
+    root: S::Singles,
+    rough_root,
+    S::f64s,
+    rough_inverse,
+    refined_root,
     splat_f64s,
     as_simd_f64s,
     as_mut_simd_f64s,
@@ -250,7 +323,11 @@ real!(
     F32_LANES,
     1e-18,
     true,
-    single_root,
+    root: (),
+    nothing,
+    (),
+    nothing,
+    whole_root,
     splat_f32s,
     as_simd_f32s,
     as_mut_simd_f32s,

@@ -1,37 +1,43 @@
 //! Work of known size, to measure a machine by. Nothing here keeps time.
 
 use crate::uvlm::kernel::{Edge, Node, Points, Sheet};
+use crate::uvlm::level::{Level, Work, dispatch};
 
-/// Independent chains of multiply-adds: enough to hide their latency.
+/// Independent chains of multiply-adds: enough to hide their latency, and with their constants no
+/// more than the sixteen registers which every level has.
 const CHAINS: usize = 12;
-/// Numbers side by side in a chain.
-const LANES: usize = 8;
 
 /// Does `rounds` rounds of multiply-adds in registers; returns how many floating
 /// point operations that was and a number which depends on all of them.
 pub fn multiply_adds(rounds: u64) -> (u64, f64) {
-    let sum = pulp::Arch::new().dispatch(MultiplyAdds { rounds });
-    (rounds * (2 * CHAINS * LANES) as u64, sum)
+    let (mut operations, mut sum) = (0, 0.0);
+    dispatch(MultiplyAdds { rounds, operations: &mut operations, sum: &mut sum });
+    (operations, sum)
 }
 
-struct MultiplyAdds {
+struct MultiplyAdds<'a> {
     rounds: u64,
+    operations: &'a mut u64,
+    sum: &'a mut f64,
 }
 
-impl pulp::NullaryFnOnce for MultiplyAdds {
-    type Output = f64;
-
+impl Work for MultiplyAdds<'_> {
     #[inline(always)]
-    fn call(self) -> f64 {
-        let mut chains = [[1.0_f64; LANES]; CHAINS];
+    fn run<S: Level>(self, simd: S) {
+        let (factor, rest) = (simd.splat_f64s(0.999_999_9), simd.splat_f64s(1e-7));
+        // The compiler must not know that it is the fixed point.
+        let mut chains = [simd.splat_f64s(std::hint::black_box(1.0)); CHAINS];
         for _ in 0..self.rounds {
             for chain in &mut chains {
-                for x in chain {
-                    *x = x.mul_add(0.999_999_9, 1e-7);
-                }
+                *chain = simd.mul_add_f64s(*chain, factor, rest);
             }
         }
-        chains.iter().flatten().sum()
+        let mut sum = simd.splat_f64s(0.0);
+        for chain in chains {
+            sum = simd.add_f64s(sum, chain);
+        }
+        *self.sum = simd.reduce_sum_f64s(sum);
+        *self.operations = self.rounds * (2 * CHAINS * S::F64_LANES) as u64;
     }
 }
 
@@ -149,8 +155,8 @@ mod tests {
     #[test]
     fn multiply_adds_are_counted() {
         let (operations, sum) = multiply_adds(1000);
-        assert_eq!(operations, 192_000);
-        // x -> 0.9999999 x + 1e-7 stays at its fixed point 1.
-        assert!((sum - 96.0).abs() < 1e-9);
+        // x -> 0.9999999 x + 1e-7 stays at its fixed point 1: the sum tells how many numbers there are.
+        assert_eq!(operations, 2000 * sum.round() as u64);
+        assert!((sum / CHAINS as f64).fract().abs() < 1e-9 && sum > 11.0, "{sum}");
     }
 }
