@@ -9,7 +9,7 @@
 //! Lanes are targets, so no sum crosses lanes and the order of every sum is that
 //! of the sheet's segments: the result has the same bits on every instruction
 //! level, whether a register holds one target or sixteen. What differs between
-//! levels is only when each operation of a segment is done ([`ahead`], [`staged`]).
+//! levels is only when each operation of a segment is done (`ahead.rs`, `staged.rs`).
 
 mod ahead;
 mod staged;
