@@ -278,16 +278,6 @@ fn refined_root<S: Level>(simd: S, x: S::f64s, seed: S::f64s) -> S::f64s {
 }
 
 #[inline(always)]
-fn rough_root<S: Level>(simd: S, x: S::f64s) -> S::Singles {
-    simd.rough_root(x)
-}
-
-#[inline(always)]
-fn rough_inverse<S: Level>(simd: S, x: S::Singles) -> S::f64s {
-    simd.rough_inverse(x)
-}
-
-#[inline(always)]
 fn nothing<S: Level, T>(_: S, _: T) {}
 
 /// The processor's own root, in one stage.
@@ -303,9 +293,9 @@ real!(
     1e-60,
     false,
     root: S::Singles,
-    rough_root,
+    S::rough_root,
     S::f64s,
-    rough_inverse,
+    S::rough_inverse,
     refined_root,
     splat_f64s,
     as_simd_f64s,

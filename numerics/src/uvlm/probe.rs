@@ -1,7 +1,9 @@
 //! Work of known size, to measure a machine by. Nothing here keeps time.
 
+use pulp::{Simd, WithSimd};
+
+use crate::lanes::dispatch;
 use crate::uvlm::kernel::{Edge, Node, Points, Sheet};
-use crate::uvlm::level::{Level, Work, dispatch};
 
 /// Independent chains of multiply-adds: enough to hide their latency, and with their constants no
 /// more than the sixteen registers which every level has.
@@ -10,20 +12,18 @@ const CHAINS: usize = 12;
 /// Does `rounds` rounds of multiply-adds in registers; returns how many floating
 /// point operations that was and a number which depends on all of them.
 pub fn multiply_adds(rounds: u64) -> (u64, f64) {
-    let (mut operations, mut sum) = (0, 0.0);
-    dispatch(MultiplyAdds { rounds, operations: &mut operations, sum: &mut sum });
-    (operations, sum)
+    dispatch(MultiplyAdds { rounds })
 }
 
-struct MultiplyAdds<'a> {
+struct MultiplyAdds {
     rounds: u64,
-    operations: &'a mut u64,
-    sum: &'a mut f64,
 }
 
-impl Work for MultiplyAdds<'_> {
+impl WithSimd for MultiplyAdds {
+    type Output = (u64, f64);
+
     #[inline(always)]
-    fn run<S: Level>(self, simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) -> (u64, f64) {
         let (factor, rest) = (simd.splat_f64s(0.999_999_9), simd.splat_f64s(1e-7));
         // The compiler must not know that it is the fixed point.
         let mut chains = [simd.splat_f64s(std::hint::black_box(1.0)); CHAINS];
@@ -36,8 +36,7 @@ impl Work for MultiplyAdds<'_> {
         for chain in chains {
             sum = simd.add_f64s(sum, chain);
         }
-        *self.sum = simd.reduce_sum_f64s(sum);
-        *self.operations = self.rounds * (2 * CHAINS * S::F64_LANES) as u64;
+        (self.rounds * (2 * CHAINS * S::F64_LANES) as u64, simd.reduce_sum_f64s(sum))
     }
 }
 
