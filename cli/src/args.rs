@@ -22,7 +22,7 @@ pub use operate::{
 };
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;
-pub use report::{ReportArgs, ReportCommand, ReproductionArgs};
+pub use report::{FiveArgs, ReportArgs, ReportCommand, ReproductionArgs};
 pub use solver::SolverOptions;
 pub use token::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
 

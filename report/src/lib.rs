@@ -10,6 +10,7 @@ pub mod check;
 pub mod convergence;
 pub mod difference;
 pub mod figures;
+pub mod five;
 pub mod flights;
 pub mod markdown;
 pub mod output;

@@ -1,7 +1,6 @@
 //! A finished study beside the paper it repeats: Nguyen et al. 2019.
 
 mod baseline;
-mod five;
 mod optima;
 mod searches;
 mod surrogate;
@@ -54,24 +53,6 @@ pub struct Optimum {
     pub prices: Option<[f64; 3]>,
 }
 
-/// The five-parameter case with and without a surrogate.
-#[derive(Debug, Clone)]
-pub struct Five {
-    /// By direct search: its first stroke is the best of the generations.
-    pub direct: Side,
-    /// On a surrogate.
-    pub surrogate: Side,
-}
-
-/// One of the two.
-#[derive(Debug, Clone)]
-pub struct Side {
-    /// What it took, in words: name and value.
-    pub facts: Vec<(String, String)>,
-    /// What it found.
-    pub optimum: Optimum,
-}
-
 /// A stroke with what was predicted and simulated of `[L+, D+, M+, P+]`.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
@@ -101,11 +82,11 @@ impl Default for Effort {
     }
 }
 
-/// Computes the document of a study, and of the five-parameter case where it is given.
+/// Computes the document of a study.
 ///
 /// # Errors
 /// When a search or a flight fails, or a figure cannot be drawn.
-pub fn compute(study: &Study, five: Option<&Five>, effort: &Effort, tell: &mut dyn FnMut(&str)) -> io::Result<Report> {
+pub fn compute(study: &Study, effort: &Effort, tell: &mut dyn FnMut(&str)) -> io::Result<Report> {
     let mut document = Document::new("The paper's study, repeated");
     document.paragraph(
         "`manduca report reproduction STUDY` computes and writes this page from a finished study of a coordinator; \
@@ -125,9 +106,6 @@ pub fn compute(study: &Study, five: Option<&Five>, effort: &Effort, tell: &mut d
     surrogate::write(study, &mut document, &mut figures)?;
     tell("optima");
     optima::write(study, &mut document, &mut figures)?;
-    if let Some(five) = five {
-        five::write(five, &mut document);
-    }
     searches::write(study, effort, &mut document, &mut figures, tell)?;
     Ok(Report { name: "reproduction.md", text: document.text().to_owned(), figures })
 }
@@ -195,7 +173,7 @@ mod tests {
             optima: vec![optimum],
         };
         let effort = Effort { population: 60, populations: vec![20, 60], runs: 2 };
-        let report = compute(&study, None, &effort, &mut |_| {}).unwrap();
+        let report = compute(&study, &effort, &mut |_| {}).unwrap();
         // tanh(-1), the exact optimum, beside Table 3's first row and the paper's errors.
         for text in [
             "-0.761594",

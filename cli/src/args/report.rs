@@ -15,6 +15,8 @@ pub enum ReportCommand {
     Convergence(ConvergenceArgs),
     /// A finished study beside the paper: surrogate, optima, penalty, population.
     Reproduction(ReproductionArgs),
+    /// Five parameters by direct search and on a surrogate, beside the paper's Table 4.
+    Five(FiveArgs),
 }
 
 /// `manduca report reproduction`.
@@ -26,17 +28,10 @@ default numbers keep two cores busy for some minutes.
 Example:
   manduca run paper --data paper && manduca serve --data paper &
   manduca report reproduction latest
-  manduca report reproduction 01a2 --direct 7c31 --five 9f04     with the five-parameter case
   manduca report reproduction latest --truth truth.csv         with errors on strokes flown long")]
 pub struct ReproductionArgs {
     /// A study: its id, the end of its id, or `latest`.
     pub study: String,
-    /// A finished `five-direct`, or any study with a direct optimisation: compared with --five.
-    #[arg(long, value_name = "STUDY", requires = "five")]
-    pub direct: Option<String>,
-    /// A finished `five`, or any study with an optimum of its network: compared with --direct.
-    #[arg(long, value_name = "STUDY", requires = "direct")]
-    pub five: Option<String>,
     /// Dataset of strokes flown long (`studies/truth.toml`), CSV or NDJSON: the surrogate is judged by them.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -53,6 +48,25 @@ pub struct ReproductionArgs {
     /// Runs of each population.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub runs: u64,
+}
+
+/// `manduca report five`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Fetches two finished studies from a coordinator; nothing is computed again.
+
+Example:
+  manduca run five-direct --data five && manduca run five --data five && manduca serve --data five &
+  manduca report five 7c31 9f04")]
+pub struct FiveArgs {
+    /// A finished `five-direct`, or any study with a direct optimisation: its id, or the end of it.
+    pub direct: String,
+    /// A finished `five`, or any study with an optimum of its surrogate: its id, or the end of it.
+    pub surrogate: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    #[command(flatten)]
+    pub report: ReportArgs,
 }
 
 /// `manduca report convergence`.

@@ -8,6 +8,7 @@ mod db;
 mod doctor;
 mod dry_run;
 mod figures;
+mod five;
 mod host;
 mod lists;
 mod optimise;

@@ -7,6 +7,7 @@ use manduca_report::convergence::{self, Effort};
 use manduca_report::output::Report;
 use manduca_report::verification;
 
+use super::five::five;
 use super::reproduction::reproduction;
 use crate::args::{ReportArgs, ReportCommand};
 use crate::output::{Output, note};
@@ -23,6 +24,7 @@ pub async fn report(command: &ReportCommand) -> Result<ExitCode> {
             write(&args.report, report)
         }
         ReportCommand::Reproduction(args) => reproduction(args).await,
+        ReportCommand::Five(args) => five(args).await,
     }
 }
 

@@ -8,7 +8,7 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve;
 use manduca_protocol::task::{Estimate, SimulateOutcome};
 use manduca_protocol::view::{JobRole, OptimumView, StudyView};
-use manduca_report::reproduction::{self, Effort, Five, Found, Optimum, Side, Study};
+use manduca_report::reproduction::{self, Effort, Found, Optimum, Study};
 
 use crate::api::Api;
 use crate::args::ReproductionArgs;
@@ -24,16 +24,8 @@ pub async fn reproduction(args: &ReproductionArgs) -> Result<ExitCode> {
     if let Some(truth) = &args.truth {
         study.fresh = super::bench::samples::read(truth)?;
     }
-    let five = match (&args.direct, &args.five) {
-        (Some(direct), Some(surrogate)) => {
-            Some(Five { direct: side(&api, direct, true).await?, surrogate: side(&api, surrogate, false).await? })
-        }
-        _ => None,
-    };
     let effort = Effort { population: args.population, populations: args.populations.clone(), runs: args.runs };
-    let report = tokio::task::spawn_blocking(move || {
-        reproduction::compute(&study, five.as_ref(), &effort, &mut |step| note(step))
-    });
+    let report = tokio::task::spawn_blocking(move || reproduction::compute(&study, &effort, &mut |step| note(step)));
     super::report::write(&args.report, report.await?.context("the document failed")?)
 }
 
@@ -56,30 +48,6 @@ pub(super) async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
     })
 }
 
-/// The first optimum of a study which was searched directly, or which was not.
-async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
-    let id = api.find(study).await?;
-    let view = api.study(id).await?;
-    let mut all = view.optimisations.iter().zip(&view.spec.optimisations);
-    let kind = if direct { "direct optimisation" } else { "optimisation on its network" };
-    let found =
-        all.find(|(_, asked)| asked.is_direct() == direct).and_then(|(found, _)| Some((found, optimum(found)?)));
-    let (found, optimum) = found.with_context(|| format!("study {id} has no finished {kind}"))?;
-    let mut facts = vec![("study".to_owned(), format!("{} ({id})", view.spec.name))];
-    facts.extend(found.breeding.as_ref().map(|b| ("generations".to_owned(), render::study::breeding(b))));
-    if view.spec.sampling.samples > 0 {
-        facts.push(("samples".to_owned(), view.samples.succeeded.to_string()));
-    }
-    if let Some(errors) = &view.surrogate {
-        let [lift, drag, moment, power] = render::scaled(&errors.rmse);
-        facts.push(("errors".to_owned(), format!("rms on its test share: {lift:.4} {drag:.4} {moment:.4} {power:.4}")));
-    }
-    facts.push(("wall time".to_owned(), render::study::stages(&view.stages_s)));
-    let seconds = api.jobs_done(id).await?.iter().filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
-    facts.push(("all its jobs".to_owned(), format!("{} of one core", span(seconds))));
-    Ok(Side { facts, optimum })
-}
-
 /// What computing the samples took on one core, and how many were there already.
 async fn cost(api: &Api, id: StudyId) -> Result<String> {
     let jobs = api.jobs_done(id).await?;
@@ -91,7 +59,7 @@ async fn cost(api: &Api, id: StudyId) -> Result<String> {
 }
 
 /// The version a study was begun with, and this program's where it is another.
-fn version(begun: &str) -> String {
+pub(super) fn version(begun: &str) -> String {
     match manduca_numerics::simulation::SOLVER_VERSION {
         present if present == begun => begun.to_owned(),
         present => format!("{begun}; this program computes with {present} (CHANGELOG.md tells what changed)"),
@@ -116,7 +84,8 @@ async fn facts(api: &Api, id: StudyId, view: &StudyView) -> Result<Vec<(String, 
     Ok(facts.map(|(name, value)| (name.to_owned(), value)).to_vec())
 }
 
-fn optimum(view: &OptimumView) -> Option<Optimum> {
+/// An optimum as documents take it; none where it was not found.
+pub(super) fn optimum(view: &OptimumView) -> Option<Optimum> {
     let found = view.optimum.as_ref()?;
     let simulated = view.simulated.as_ref().and_then(|s| match &s.outcome {
         SimulateOutcome::Ok { scaled, .. } => Some(render::estimates(scaled)),

@@ -92,6 +92,20 @@ fn the_optimum_flown_is_that_of_the_surrogate() {
         refined["standing"]["trimmed_power"].as_f64().unwrap()
     };
     assert!((power(0) / power(1) - 1.0).abs() < 2e-3, "{} {}", power(0), power(1));
+
+    // And `report five` sets the two beside the paper's Table 4.
+    let folder = tempfile::tempdir().unwrap();
+    let output = ["--output", folder.path().to_str().unwrap(), "--coordinator", &coordinator.url()].map(str::to_owned);
+    let told = manduca(&["report", "five", &id, &id]).args(&output).output().unwrap();
+    assert_eq!(told.status.code(), Some(0), "{}", String::from_utf8_lossy(&told.stderr));
+    let page = fs::read_to_string(folder.path().join("five.md")).unwrap();
+    let milliwatts = |i: usize| format!("{:.2}", 84.2 * power(i));
+    for part in [&milliwatts(0), &milliwatts(1), "paper, direct", "20 generations", "| network | samples | 400 |"] {
+        assert!(page.contains(part), "{part} in {page}");
+    }
+    let none = manduca(&["report", "five", &id, "no-such-study"]).args(&output).output().unwrap();
+    assert_eq!(none.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&none.stderr).contains("no-such-study"), "{none:?}");
 }
 
 #[test]
