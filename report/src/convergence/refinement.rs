@@ -3,8 +3,9 @@
 use manduca_numerics::uvlm::Settings;
 
 use super::sample::{Sample, difference};
+use super::strokes;
 use super::trials::{header, row};
-use crate::markdown::{Document, Table, fixed, signed, significant};
+use crate::markdown::{Document, significant};
 
 /// Panels along the chord, strips and steps.
 type Mesh = [usize; 3];
@@ -90,21 +91,5 @@ pub fn write_refinement(document: &mut Document, sample: &Sample, settings: Sett
         fine.spanwise_panels,
         fine.steps_per_stroke
     ));
-    let published = 5.min(reference.len());
-    let mut table = header("strokes");
-    let parts = [("all", 0..reference.len()), ("published", 0..published), ("random", published..reference.len())];
-    for (what, range) in parts {
-        let (a, b) = (reference[range.clone()].to_vec(), flown[range].to_vec());
-        row(&mut table, what, &difference(&a, &b), &b);
-    }
-    document.table(&table);
-    let mut table = Table::new(["stroke", "L+", "D+", "M+", "P+", "change of L+", "of D+", "of M+", "of P+"]);
-    for ((name, _), pair) in sample.strokes.iter().zip(reference.iter().zip(&flown)) {
-        let (Some(a), Some(b)) = pair else { continue };
-        let mut cells = vec![name.clone()];
-        cells.extend(a.scaled.map(|e| fixed(e.mean, 3)));
-        cells.extend((0..4).map(|k| signed(100.0 * (b.scaled[k].mean - a.scaled[k].mean), 2)));
-        table.row(cells);
-    }
-    document.table(&table);
+    strokes::write(document, sample, &reference, &flown);
 }

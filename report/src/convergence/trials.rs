@@ -130,8 +130,8 @@ fn against_errors(a: &Flown, b: &Flown) -> [f64; 2] {
     [quantile(shares.iter().copied(), 0.5), quantile(shares, 1.0)]
 }
 
-/// Writes what each change does.
-pub fn write(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
+/// Writes what changes of the wake do.
+pub fn write_wake(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
     document.heading("The wake");
     let mut table = header("settings");
     row(&mut table, "default", &difference(reference, reference), reference);
@@ -145,8 +145,16 @@ pub fn write(document: &mut Document, sample: &Sample, reference: &Flown, settin
         significant(most, 2)
     ));
     tabulate(document, &WAKE, sample, reference, settings);
+}
+
+/// Writes what smaller cores do.
+pub fn write_cores(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
     document.heading("Cores");
     tabulate(document, &CORES, sample, reference, settings);
+}
+
+/// Writes what other lattices do.
+pub fn write_lattice(document: &mut Document, sample: &Sample, reference: &Flown, settings: Settings) {
     document.heading("Lattice, one direction at a time");
     tabulate(document, &LATTICE, sample, reference, settings);
 }

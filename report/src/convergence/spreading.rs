@@ -1,0 +1,74 @@
+//! What the spreading of the wake is worth, stroke by stroke.
+
+use manduca_numerics::uvlm::Settings;
+
+use super::sample::{Flown, Sample};
+use super::strokes;
+use crate::markdown::{Document, Table, fixed, significant};
+
+/// Spreadings at which the strokes it moves most are flown, in shares of the default.
+const SHARES: [f64; 6] = [1.25, 1.0, 0.875, 0.75, 0.625, 0.5];
+
+/// The stroke whose mean `k` of L+, D+, M+, P+ changes most.
+fn most_moved(a: &Flown, b: &Flown, k: usize) -> Option<usize> {
+    let change = |i: &usize| Some((b[*i].as_ref()?.scaled[k].mean - a[*i].as_ref()?.scaled[k].mean).abs());
+    let changes = (0..a.len()).filter_map(|i| Some((i, change(&i)?)));
+    changes.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+}
+
+/// Flown until the means are known.
+fn long(settings: Settings) -> Settings {
+    Settings { standard_error: 0.002, strokes_most: 64, ..settings }
+}
+
+/// Writes what half of the spreading does to each stroke, and how the strokes it moves most depend on it.
+pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
+    let settings = long(settings);
+    let at = |share: f64| Settings { wake_spreading: share * settings.wake_spreading, ..settings };
+    let (reference, halved) = (sample.fly(settings), sample.fly(at(0.5)));
+    document.heading("Spreading halved, stroke by stroke");
+    document.paragraph(
+        "As above, but both flown until the standard errors are below 0.2 % (64 strokes at most): a wake which spreads less \
+         is less calm, and errors of the means then count as changes.",
+    );
+    strokes::write(document, sample, &reference, &halved);
+    document.paragraph("The strokes whose L+ and D+ it moves most, at other spreadings:");
+    let mut table = Table::new(["stroke, spreading", "L+", "D+", "M+", "P+"]);
+    for i in [0, 1].into_iter().filter_map(|k| most_moved(&reference, &halved, k)) {
+        let one = Sample { strokes: vec![sample.strokes[i].clone()] };
+        for share in SHARES {
+            let changed = at(share);
+            for means in one.fly(changed).iter().flatten() {
+                let mut cells = vec![format!("{}, {} c", one.strokes[0].0, significant(changed.wake_spreading, 3))];
+                cells.extend(means.scaled.map(|e| format!("{} ± {}", fixed(e.mean, 3), fixed(e.se, 3))));
+                table.row(cells);
+            }
+        }
+    }
+    document.table(&table);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_strokes_it_moves_most_are_flown_at_all_spreadings() {
+        let coarse = long(Settings {
+            chordwise_panels: 2,
+            spanwise_panels: 4,
+            steps_per_stroke: 12,
+            strokes: 2,
+            strokes_dropped: 1,
+            ..Settings::default()
+        });
+        let sample = Sample::new(1).unwrap();
+        let mut document = Document::new("x");
+        write(&mut document, &sample, coarse);
+        let (a, b) = (sample.fly(coarse), sample.fly(Settings { wake_spreading: 0.6, ..coarse }));
+        let name = &sample.strokes[most_moved(&a, &b, 0).unwrap()].0;
+        for part in [format!("| {name}, 0.600 c |"), format!("| {name}, 1.50 c |"), "| random 0 | ".into()] {
+            assert!(document.text().contains(&part), "{part} in {}", document.text());
+        }
+    }
+}
