@@ -184,6 +184,7 @@ mod tests {
             "25.30",
             "30 strokes flown long | 0.020 | 0 | 0 | 0 |",
             "the 20 of them known to 0.2 hundredths | 0.020 |",
+            "the 13 with elevation amplitudes below 20° | 0.020 |",
             "of leaving the box",
             "refined by 40 simulations",
             "0.610 per unit of lift",

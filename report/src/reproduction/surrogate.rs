@@ -2,6 +2,7 @@
 
 use std::io;
 
+use manduca_numerics::parameters::at;
 use manduca_numerics::surrogate::{Sample, errors};
 
 use super::Study;
@@ -12,6 +13,8 @@ use crate::markdown::{Document, Table, significant};
 const PAPER: [f64; 4] = [0.024, 0.023, 0.027, 0.029];
 /// Standard errors up to which a fresh stroke counts as known.
 const KNOWN: f64 = 0.002;
+/// Elevation amplitude from which wings beat through their own wake, degrees.
+const HIGH: f64 = 20.0;
 
 /// Strokes whose four standard errors are small.
 fn known(fresh: &[Sample]) -> Vec<Sample> {
@@ -39,9 +42,11 @@ pub(super) fn write(
         table.row(row("here, test share of the samples", errors));
     }
     let (known, fresh) = (known(&study.fresh), &study.fresh);
+    let low: Vec<_> = known.iter().filter(|s| s.x[at::ELEVATION_AMPLITUDE] < HIGH).copied().collect();
     for (name, samples) in [
         (format!("here, {} strokes flown long", fresh.len()), fresh),
         (format!("here, the {} of them known to {} hundredths", known.len(), 100.0 * KNOWN), &known),
+        (format!("of these, the {} with elevation amplitudes below {HIGH}°", low.len()), &low),
     ] {
         if !samples.is_empty() {
             table.row(row(&name, &errors(&study.surrogate, samples).rmse));
