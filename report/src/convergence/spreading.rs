@@ -6,13 +6,13 @@ use super::sample::{Flown, Sample};
 use super::strokes;
 use crate::markdown::{Document, Table, fixed, significant};
 
-/// Spreadings at which the strokes it moves most are flown, in shares of the default.
-const SHARES: [f64; 6] = [1.25, 1.0, 0.875, 0.75, 0.625, 0.5];
+/// Spreadings at which the strokes it moves most are flown besides, in shares of the default.
+const SHARES: [f64; 4] = [1.25, 0.875, 0.75, 0.625];
 
 /// The stroke whose mean `k` of L+, D+, M+, P+ changes most.
 fn most_moved(a: &Flown, b: &Flown, k: usize) -> Option<usize> {
-    let change = |i: &usize| Some((b[*i].as_ref()?.scaled[k].mean - a[*i].as_ref()?.scaled[k].mean).abs());
-    let changes = (0..a.len()).filter_map(|i| Some((i, change(&i)?)));
+    let change = |i: usize| Some((b[i].as_ref()?.scaled[k].mean - a[i].as_ref()?.scaled[k].mean).abs());
+    let changes = (0..a.len()).filter_map(|i| Some((i, change(i)?)));
     changes.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
 }
 
@@ -34,15 +34,18 @@ pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
     strokes::write(document, sample, &reference, &halved);
     document.paragraph("The strokes whose L+ and D+ it moves most, at other spreadings:");
     let mut table = Table::new(["stroke, spreading", "L+", "D+", "M+", "P+"]);
-    for i in [0, 1].into_iter().filter_map(|k| most_moved(&reference, &halved, k)) {
-        let one = Sample { strokes: vec![sample.strokes[i].clone()] };
-        for share in SHARES {
-            let changed = at(share);
-            for means in one.fly(changed).iter().flatten() {
-                let mut cells = vec![format!("{}, {} c", one.strokes[0].0, significant(changed.wake_spreading, 3))];
-                cells.extend(means.scaled.map(|e| format!("{} ± {}", fixed(e.mean, 3), fixed(e.se, 3))));
-                table.row(cells);
-            }
+    let moved: Vec<_> = [0, 1].into_iter().filter_map(|k| most_moved(&reference, &halved, k)).collect();
+    let few = Sample { strokes: moved.iter().map(|i| sample.strokes[*i].clone()).collect() };
+    let known = |flown: &Flown| moved.iter().map(|i| flown[*i].clone()).collect();
+    let mut flown = vec![(1.0, known(&reference)), (0.5, known(&halved))];
+    flown.extend(SHARES.map(|share| (share, few.fly(at(share)))));
+    flown.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (i, (name, _)) in few.strokes.iter().enumerate() {
+        for (share, means) in &flown {
+            let Some(means) = &means[i] else { continue };
+            let mut cells = vec![format!("{name}, {} c", significant(at(*share).wake_spreading, 3))];
+            cells.extend(means.scaled.map(|e| format!("{} ± {}", fixed(e.mean, 3), fixed(e.se, 3))));
+            table.row(cells);
         }
     }
     document.table(&table);
