@@ -5,10 +5,9 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use manduca_report::five::{self, Five, Side};
 
-use super::reproduction::{optimum, version};
+use super::reproduction::{on_one_core, optimum, version};
 use crate::api::Api;
 use crate::args::FiveArgs;
-use crate::progress::span;
 use crate::render;
 
 /// Fetches both studies and writes their document.
@@ -41,7 +40,6 @@ async fn side(api: &Api, study: &str, direct: bool) -> Result<Side> {
         facts.push(("errors".to_owned(), format!("rms on its test share: {lift:.4} {drag:.4} {moment:.4} {power:.4}")));
     }
     facts.push(("wall time".to_owned(), render::study::stages(&view.stages_s)));
-    let seconds = api.jobs_done(id).await?.iter().filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
-    facts.push(("all its jobs".to_owned(), format!("{} of one core", span(seconds))));
+    facts.push(("all its jobs".to_owned(), on_one_core(api.jobs_done(id).await?.iter())));
     Ok(Side { facts, optimum })
 }

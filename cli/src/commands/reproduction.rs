@@ -7,7 +7,7 @@ use manduca_numerics::parameters::Bounds;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve;
 use manduca_protocol::task::{Estimate, SimulateOutcome};
-use manduca_protocol::view::{JobRole, OptimumView, StudyView};
+use manduca_protocol::view::{JobRole, JobView, OptimumView, StudyView};
 use manduca_report::reproduction::{self, Effort, Found, Optimum, Study};
 
 use crate::api::Api;
@@ -52,10 +52,16 @@ pub(super) async fn fetched(api: &Api, id: StudyId) -> Result<Study> {
 async fn cost(api: &Api, id: StudyId) -> Result<String> {
     let jobs = api.jobs_done(id).await?;
     let samples: Vec<_> = jobs.iter().filter(|job| job.role == JobRole::Sample).collect();
-    let seconds: f64 = samples.iter().filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
+    let flights = on_one_core(samples.iter().copied());
     let cached = samples.iter().filter(|job| job.cached).count();
     let shared = if cached > 0 { format!(", {cached} of them taken from an earlier study") } else { String::new() };
-    Ok(format!("{} of one core{shared}", span(seconds)))
+    Ok(flights + &shared)
+}
+
+/// What jobs took together, in words.
+pub(super) fn on_one_core<'a>(jobs: impl Iterator<Item = &'a JobView>) -> String {
+    let seconds = jobs.filter_map(|job| Some(job.provenance.as_ref()?.wall_s)).sum();
+    format!("{} of one core", span(seconds))
 }
 
 /// The version a study was begun with, and this program's where it is another.
