@@ -7,7 +7,7 @@ use crate::parameters::Point;
 use crate::{quasi_steady, uvlm};
 
 /// Version of the numbers: it changes whenever any result may change.
-pub const SOLVER_VERSION: &str = "7";
+pub const SOLVER_VERSION: &str = "8";
 
 /// Which aerodynamics, with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]

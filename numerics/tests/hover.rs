@@ -42,6 +42,27 @@ fn published_strokes() {
     });
 }
 
+/// Where the elevation is the faster motion, the trailing edge goes forward over wake it has just
+/// shed, and with a core smaller than the distance of its rows single lines decide: without the core over
+/// the wing lift falls by a quarter between 24 and 28° (docs/convergence.md).
+#[test]
+fn lift_does_not_turn_where_a_wing_beats_over_its_own_wake() {
+    let turn = |core_over_wing: f64| {
+        let settings = Settings { core_over_wing, strokes: 6, strokes_most: 6, ..Settings::default() };
+        let lifts = std::thread::scope(|scope| {
+            let at = |elevation: f64| {
+                let parameters = [36.9, 36.0, 20.8, 8.9, 7.6, 34.3, elevation, 32.9, 0.02, 1.1];
+                scope.spawn(move || fly(parameters, Model::Uvlm(settings)).expect("feasible").scaled[0].mean)
+            };
+            [24.0, 26.0, 28.0].map(at).map(|lift| lift.join().expect("flown"))
+        });
+        (lifts[0] - 2.0 * lifts[1] + lifts[2]).abs()
+    };
+    let (without, with) = (turn(0.0), turn(Settings::default().core_over_wing));
+    assert!(with < 0.01, "{with}");
+    assert!(without > 0.03, "{without}");
+}
+
 /// Bound rings whose newest wake ring lags lose lift with every refinement unless
 /// the first row follows the edge's displacement: 4, 8 and 12 chordwise panels
 /// agree within 8 %.

@@ -13,6 +13,8 @@ pub struct Cores {
     pub fresh_on_wing: f64,
     /// Developed wake as the wing sees it.
     pub developed_on_wing: f64,
+    /// What wake gains where it lies over the wing, as the wing sees it; 0 for nothing.
+    pub over_wing: f64,
     /// Time constant between the two, s.
     pub growth_time: f64,
     /// Growth of the squared core of all wake with age, m²/s.
@@ -28,6 +30,7 @@ impl Cores {
             wake_on_wake: radius,
             fresh_on_wing: radius,
             developed_on_wing: radius,
+            over_wing: 0.0,
             growth_time: 1.0,
             spreading: 0.0,
         }
@@ -49,6 +52,24 @@ impl Cores {
         let spread = self.spreading * age * (1.0 - crate::math::exp(-late));
         (core * core + spread).sqrt()
     }
+
+    /// What the square of the core of wake gains as the wing sees it, m², a distance `ahead` of the
+    /// trailing edge and `above` the wing's plane, m:
+    ///
+    /// Δrc² = ro² a² / (a² + ro²) (1 - h² / 4 ro²)²,  a > 0, h < 2 ro
+    ///
+    /// Behind the edge the wing sees its wake along the sheet, from farther than its rows lie apart. Where
+    /// the edge goes forward the wing lies in the sheet or passes through it, and of a core smaller than
+    /// the distance of rows or panels it would see single lines instead of a sheet.
+    pub(super) fn over_wing2(&self, (ahead, above): (f64, f64)) -> f64 {
+        let core2 = self.over_wing * self.over_wing;
+        let far = above * above / (4.0 * core2);
+        if ahead > 0.0 && far < 1.0 {
+            core2 * ahead * ahead / (ahead * ahead + core2) * (1.0 - far).powi(2)
+        } else {
+            0.0
+        }
+    }
 }
 
 #[cfg(test)]
@@ -63,6 +84,7 @@ mod tests {
             wake_on_wake: 0.25,
             fresh_on_wing: 0.01,
             developed_on_wing: 0.3,
+            over_wing: 0.1,
             growth_time: 0.5,
             spreading: 1.0,
         };
@@ -73,5 +95,12 @@ mod tests {
         // Spread to one length after one unit of time, on top of what it was.
         assert!((cores.on_wake(1.0) - (0.25_f64.powi(2) + 1.0).sqrt()).abs() < 1e-15);
         assert!((cores.on_wing(40.0) - (0.3_f64.powi(2) + 40.0).sqrt()).abs() < 1e-9);
+        // Nothing behind the edge and two cores above the wing, all of it far ahead and close by.
+        for nothing in [(0.0, 0.0), (-0.1, 0.0), (0.5, 0.2), (0.5, -0.3)] {
+            assert_eq!(cores.over_wing2(nothing), 0.0, "{nothing:?}");
+        }
+        assert!((cores.over_wing2((0.1, 0.0)) - 0.005).abs() < 1e-15);
+        assert!((cores.over_wing2((1e6, 0.1)) - 0.01 * 0.75_f64.powi(2)).abs() < 1e-12);
+        assert_eq!(Cores { over_wing: 0.0, ..cores }.over_wing2((0.1, 0.0)), 0.0);
     }
 }

@@ -96,6 +96,7 @@ pub fn solver_of(
         wake_on_wake: settings.wake_core_on_wake * chord,
         fresh_on_wing: settings.fresh_core_on_wing * chord,
         developed_on_wing: settings.wake_core_on_wing * chord,
+        over_wing: settings.core_over_wing * chord,
         growth_time: settings.core_growth_time * period,
         spreading: (settings.wake_spreading * chord).powi(2) / period,
     };

@@ -188,6 +188,18 @@ impl Lattice {
     pub fn columns(&self) -> usize {
         self.strips + 1
     }
+
+    /// How far a point in space lies ahead of the trailing edge along the chord, and above the
+    /// wing's plane, m.
+    pub fn ahead_of_edge(&self, pose: &Pose, p: &Vector) -> (f64, f64) {
+        let from = p - pose.origin;
+        let (r, s, above) = (from.dot(&pose.e_r), from.dot(&pose.e_c), from.dot(&pose.normal()));
+        let last = self.trailing.len() - 1;
+        let k = self.trailing.partition_point(|edge| edge.x <= r).clamp(1, last);
+        let (a, b) = (self.trailing[k - 1], self.trailing[k]);
+        let share = ((r - a.x) / (b.x - a.x)).clamp(0.0, 1.0);
+        (s - (a.y + (b.y - a.y) * share), above)
+    }
 }
 
 /// Where the wing is and how it moves, in axes whose y points outboard from the

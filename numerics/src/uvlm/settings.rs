@@ -25,6 +25,7 @@ table! {
         wake_core_on_wake: f64 = 0.125, 0.01..=2.0, "c", "core of wake just shed as the wake sees it";
         wake_core_on_wing: f64 = 0.3, 0.001..=2.0, "c", "core to which fresh wake develops as the wing sees it";
         fresh_core_on_wing: f64 = 0.01, 1e-6..=2.0, "c", "core of the wake just shed as the wing sees it";
+        core_over_wing: f64 = 0.1, 0.0..=2.0, "c", "core which wake gains where it lies over the wing, ahead of the trailing edge, as the wing sees it; 0 leaves it out";
         core_growth_time: f64 = 0.5, 0.001..=10.0, "strokes", "time in which the core seen by the wing develops and begins to spread";
         wake_spreading: f64 = 1.2, 0.0..=5.0, "c", "core to which all wake spreads in one stroke, growing with the root of age";
         suction_to_lift: f64 = 0.5, 0.0..=1.0, "", "share of the leading-edge suction turned into vortex lift (Polhamus)";

@@ -192,7 +192,7 @@ impl Solver {
         }
         self.place(pose);
         self.place_edge(pose, dt);
-        self.wake_on_wing();
+        self.wake_on_wing(pose);
         self.solve(pose)?;
         self.vorticity.set_bound(&self.history[0]);
         self.vorticity.assemble_bound();
@@ -278,10 +278,12 @@ impl Solver {
     }
 
     /// Velocity of the wake alone at collocation points, their images and bound segments.
-    fn wake_on_wing(&mut self) {
+    fn wake_on_wing(&mut self, pose: &Pose) {
         self.vorticity.clear_bound();
         let cores = self.cores;
-        self.vorticity.assemble(self.time, |age| if age <= 0.0 { cores.bound } else { cores.on_wing(age) });
+        let by_age = |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age) };
+        let by_place = |p: [f64; 3]| cores.over_wing2(self.lattice.ahead_of_edge(pose, &Vector::from(p)));
+        self.vorticity.assemble(self.time, by_age, by_place);
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {
             induce(&wake, &self.near, &mut self.near_velocity);
@@ -362,7 +364,8 @@ impl Solver {
     fn convect(&mut self, dt: f64) {
         let cores = self.cores;
         // On the line at the edge both sheets meet: it has the wake's core for both.
-        self.vorticity.assemble(self.time, |age| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age) });
+        let by_age = |age: f64| if age < 0.0 { cores.bound_on_wake } else { cores.on_wake(age) };
+        self.vorticity.assemble(self.time, by_age, |_| 0.0);
         let nodes = self.vorticity.convected();
         let moved = nodes.len();
         self.wake_targets.resize(2 * moved);

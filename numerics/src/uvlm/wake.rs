@@ -32,7 +32,7 @@ pub struct Vorticity {
     nodes: [Vec<f64>; 3],
     /// Ring circulations, row by row, bound rings first, m²/s.
     circulation: Vec<f64>,
-    /// Core radius at each row of nodes, m.
+    /// Core radius at each node, m.
     cores: Vec<f64>,
     /// Nodes with their segments, as the kernel wants them.
     sheet: Vec<Node>,
@@ -51,7 +51,7 @@ impl Vorticity {
             left: vec![0.0; most_rows],
             nodes: [along(), along(), along()],
             circulation: vec![0.0; most_rows * (columns - 1)],
-            cores: vec![0.0; most_rows],
+            cores: vec![0.0; most_rows * columns],
             sheet: vec![Node::default(); most_rows * columns],
         }
     }
@@ -178,12 +178,17 @@ impl Vorticity {
     }
 
     /// Recomputes all segments: `radius(age)` gives the core radius at a row of nodes, m; age is the
-    /// time `now` since the edge was left, s, negative on the wing.
-    pub fn assemble(&mut self, now: f64, radius: impl Fn(f64) -> f64) {
+    /// time `now` since the edge was left, s, negative on the wing; `more(place)` what its square
+    /// gains at a node of the wake, m².
+    pub fn assemble(&mut self, now: f64, radius: impl Fn(f64) -> f64, more: impl Fn([f64; 3]) -> f64) {
         let edge = self.edge_row();
         for row in 0..self.rows {
             let age = if row > edge { now - self.left[row] } else { row as f64 - edge as f64 };
-            self.cores[row] = radius(age);
+            let core = radius(age);
+            for i in row * self.columns..(row + 1) * self.columns {
+                let more = if row > edge { more(self.node(i)) } else { 0.0 };
+                self.cores[i] = if more > 0.0 { (core * core + more).sqrt() } else { core };
+            }
         }
         self.assemble_rows(0..self.rows);
     }
@@ -205,14 +210,15 @@ impl Vorticity {
             for k in 0..columns {
                 let i = j * columns + k;
                 let (ahead, inboard) = (j.checked_sub(1), k.checked_sub(1));
-                let core = self.cores[j];
+                let core = self.cores[i];
                 let spanwise = inboard.map_or(Edge::NONE, |_| {
                     let circulation = ring(ahead, inboard) - ring(Some(j), inboard);
-                    Edge::between(self.node(i - 1), self.node(i), [core; 2], circulation)
+                    Edge::between(self.node(i - 1), self.node(i), [self.cores[i - 1], core], circulation)
                 });
                 let chordwise = ahead.map_or(Edge::NONE, |ahead| {
                     let circulation = ring(Some(ahead), Some(k)) - ring(Some(ahead), inboard);
-                    Edge::between(self.node(i - columns), self.node(i), [self.cores[ahead], core], circulation)
+                    let cores = [self.cores[i - columns], core];
+                    Edge::between(self.node(i - columns), self.node(i), cores, circulation)
                 });
                 self.sheet[i] = Node { place: self.node(i), core2: core * core, spanwise, chordwise };
             }

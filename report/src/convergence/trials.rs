@@ -33,10 +33,11 @@ const WAKE: [Trial; 12] = [
 ];
 
 /// Cores, each halved.
-const CORES: [Trial; 9] = [
+const CORES: [Trial; 10] = [
     trial("wake on wake, fresh, halved", &[("wake_core_on_wake", 0.0625)]),
     trial("wake on wing, developed, halved", &[("wake_core_on_wing", 0.15)]),
     trial("wake on wing, fresh, halved", &[("fresh_core_on_wing", 0.005)]),
+    trial("wake over the wing, halved", &[("core_over_wing", 0.05)]),
     trial("spreading halved", &[("wake_spreading", 0.6)]),
     trial("bound, halved", &[("bound_core", 0.0005)]),
     trial("bound on wake, halved", &[("bound_core_on_wake", 0.05)]),
@@ -47,6 +48,7 @@ const CORES: [Trial; 9] = [
             ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
             ("fresh_core_on_wing", 0.005),
+            ("core_over_wing", 0.05),
             ("bound_core", 0.0005),
             ("bound_core_on_wake", 0.05),
         ],
@@ -57,6 +59,7 @@ const CORES: [Trial; 9] = [
             ("wake_core_on_wake", 0.0625),
             ("wake_core_on_wing", 0.15),
             ("fresh_core_on_wing", 0.005),
+            ("core_over_wing", 0.05),
             ("wake_spreading", 0.6),
             ("bound_core", 0.0005),
             ("bound_core_on_wake", 0.05),
@@ -76,7 +79,8 @@ const LATTICE: [Trial; 8] = [
     trial("4 panels", &[("chordwise_panels", 4.0)]),
 ];
 
-fn changed(settings: Settings, changes: &[(&'static str, f64)]) -> Settings {
+/// The settings with some of them changed.
+pub(super) fn changed(settings: Settings, changes: &[(&str, f64)]) -> Settings {
     let mut changed = settings;
     for (name, value) in changes {
         let told = changed.set(name, *value);
