@@ -53,22 +53,23 @@ impl Cores {
         (core * core + spread).sqrt()
     }
 
-    /// What the square of the core of wake gains as the wing sees it, m², a distance `ahead` of the
-    /// trailing edge and `above` the wing's plane, m:
+    /// What the square of the core of wake gains as the wing sees it, m², a distance h `above` the
+    /// wing's plane and a `ahead` of the trailing edge, m:
     ///
     /// Δrc² = ro² a² / (a² + ro²) (1 - h² / 4 ro²)²,  a > 0, h < 2 ro
     ///
     /// Behind the edge the wing sees its wake along the sheet, from farther than its rows lie apart. Where
     /// the edge goes forward the wing lies in the sheet or passes through it, and of a core smaller than
     /// the distance of rows or panels it would see single lines instead of a sheet.
-    pub(super) fn over_wing2(&self, (ahead, above): (f64, f64)) -> f64 {
+    pub(super) fn over_wing2(&self, above: f64, ahead: impl FnOnce() -> f64) -> f64 {
         let core2 = self.over_wing * self.over_wing;
         let far = above * above / (4.0 * core2);
-        if ahead > 0.0 && far < 1.0 {
-            core2 * ahead * ahead / (ahead * ahead + core2) * (1.0 - far).powi(2)
-        } else {
-            0.0
+        // Nearly all wake is far, or there is no such core and `far` no number.
+        if far.is_nan() || far >= 1.0 {
+            return 0.0;
         }
+        let ahead = ahead().max(0.0);
+        core2 * ahead * ahead / (ahead * ahead + core2) * (1.0 - far).powi(2)
     }
 }
 
@@ -96,11 +97,13 @@ mod tests {
         assert!((cores.on_wake(1.0) - (0.25_f64.powi(2) + 1.0).sqrt()).abs() < 1e-15);
         assert!((cores.on_wing(40.0) - (0.3_f64.powi(2) + 40.0).sqrt()).abs() < 1e-9);
         // Nothing behind the edge and two cores above the wing, all of it far ahead and close by.
-        for nothing in [(0.0, 0.0), (-0.1, 0.0), (0.5, 0.2), (0.5, -0.3)] {
-            assert_eq!(cores.over_wing2(nothing), 0.0, "{nothing:?}");
+        for (above, ahead) in [(0.0, 0.0), (0.0, -0.1), (0.2, 0.5), (-0.3, 0.5)] {
+            assert_eq!(cores.over_wing2(above, || ahead), 0.0, "{above} {ahead}");
         }
-        assert!((cores.over_wing2((0.1, 0.0)) - 0.005).abs() < 1e-15);
-        assert!((cores.over_wing2((1e6, 0.1)) - 0.01 * 0.75_f64.powi(2)).abs() < 1e-12);
-        assert_eq!(Cores { over_wing: 0.0, ..cores }.over_wing2((0.1, 0.0)), 0.0);
+        assert!((cores.over_wing2(0.0, || 0.1) - 0.005).abs() < 1e-15);
+        assert!((cores.over_wing2(0.1, || 1e6) - 0.01 * 0.75_f64.powi(2)).abs() < 1e-12);
+        for above in [0.0, 0.1] {
+            assert_eq!(Cores { over_wing: 0.0, ..cores }.over_wing2(above, || 0.1), 0.0);
+        }
     }
 }

@@ -189,16 +189,14 @@ impl Lattice {
         self.strips + 1
     }
 
-    /// How far a point in space lies ahead of the trailing edge along the chord, and above the
-    /// wing's plane, m.
-    pub fn ahead_of_edge(&self, pose: &Pose, p: &Vector) -> (f64, f64) {
-        let from = p - pose.origin;
-        let (r, s, above) = (from.dot(&pose.e_r), from.dot(&pose.e_c), from.dot(&pose.normal()));
+    /// How far a point lies ahead of the trailing edge along the chord, m; beyond root and tip the edge
+    /// goes on at right angles to the chord.
+    pub fn ahead_of_edge(&self, p: &Flat) -> f64 {
         let last = self.trailing.len() - 1;
-        let k = self.trailing.partition_point(|edge| edge.x <= r).clamp(1, last);
+        let k = self.trailing.partition_point(|edge| edge.x <= p.x).clamp(1, last);
         let (a, b) = (self.trailing[k - 1], self.trailing[k]);
-        let share = ((r - a.x) / (b.x - a.x)).clamp(0.0, 1.0);
-        (s - (a.y + (b.y - a.y) * share), above)
+        let share = ((p.x - a.x) / (b.x - a.x)).clamp(0.0, 1.0);
+        p.y - (a.y + (b.y - a.y) * share)
     }
 }
 
@@ -243,5 +241,23 @@ impl Pose {
     /// The side towards which positive circulation lifts.
     pub fn normal(&self) -> Vector {
         self.e_c.cross(&self.e_r)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_over_a_swept_wing_counts_from_its_own_stretch_of_the_edge() {
+        let planform = Planform::straight(0.0, 2.0, 1.0, std::f64::consts::FRAC_PI_4, 4, 0.0);
+        let lattice = Lattice::new(&planform, 2, &[0.0; 5]);
+        // The trailing edge is at s = -r - 3/4.
+        for (r, s, expected) in
+            [(0.0, 0.0, 0.75), (1.1, 0.0, 1.85), (2.0, -3.0, -0.25), (-0.5, 0.0, 0.75), (3.5, 0.0, 2.75)]
+        {
+            let ahead = lattice.ahead_of_edge(&Flat::new(r, s));
+            assert!((ahead - expected).abs() < 1e-12, "{r} {s}: {ahead}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::kinematics::Vector;
 use crate::uvlm::cores::Cores;
-use crate::uvlm::geometry::{Lattice, Pose};
+use crate::uvlm::geometry::{Flat, Lattice, Pose};
 use crate::uvlm::influence::{Circulations, Matrix, RingInfluence};
 use crate::uvlm::kernel::{Points, induce, interactions};
 use crate::uvlm::loads::{Flow, WingLoad, wing_load};
@@ -282,7 +282,12 @@ impl Solver {
         self.vorticity.clear_bound();
         let cores = self.cores;
         let by_age = |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age) };
-        let by_place = |p: [f64; 3]| cores.over_wing2(self.lattice.ahead_of_edge(pose, &Vector::from(p)));
+        let normal = pose.normal();
+        let by_place = |p: [f64; 3]| {
+            let from = Vector::from(p) - pose.origin;
+            let flat = || Flat::new(from.dot(&pose.e_r), from.dot(&pose.e_c));
+            cores.over_wing2(from.dot(&normal), || self.lattice.ahead_of_edge(&flat()))
+        };
         self.vorticity.assemble(self.time, by_age, by_place);
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {

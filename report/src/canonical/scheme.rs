@@ -26,7 +26,7 @@ impl Scheme {
             wake_core_on_wake: core,
             wake_core_on_wing: core,
             fresh_core_on_wing: core,
-            core_over_wing: 0.0,
+            core_over_wing: core,
             wake_spreading: 0.0,
             wake_tail: 0.0,
             wake_joined_after: 20.0,
