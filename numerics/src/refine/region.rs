@@ -194,13 +194,17 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
     let here = flown[best].means.map_or([f64::NAN; 4], |m| m.0);
     let doubt = flown[best].means.map_or(0.0, |m| noise(&m.1, region.weight));
     let gain = merit(&here, region.weight) - merit(&predicted, region.weight);
-    if agreed && off_trim(&here) <= TRIMMED && gain < doubt.max(GAIN) {
+    let nothing_better = agreed && off_trim(&here) <= TRIMMED && gain < doubt.max(GAIN);
+    // That nothing better is near says a slope, and a slope is known where strokes lie all around.
+    let surrounded = surrounding(bounds, settings, flown, &centre) >= settings.batch;
+    if nothing_better && surrounded {
         return done(RefineStop::Agreed, region);
     }
     // Once a prediction held, fewer points around the next one are enough.
-    let size = if agreed { settings.batch.div_ceil(3) } else { settings.batch };
+    let size = if agreed && !nothing_better { settings.batch.div_ceil(3) } else { settings.batch };
     let size = size.clamp(1, settings.simulations - flown.len());
-    let batch = batch(tools, bounds, settings, &candidate.point, radius, region.round, size);
+    let width = if nothing_better { settings.radius } else { radius };
+    let batch = batch(tools, bounds, settings, &candidate.point, width, region.round, size);
     let candidate = Some((flown.len(), predicted));
     Next::Fly { region: Region { round: region.round + 1, radius, candidate, ..region }, batch }
 }
@@ -242,6 +246,13 @@ fn around(bounds: &Bounds, centre: &Point, radius: f64) -> Bounds {
         local.upper[i] = (centre[i] + reach).min(bounds.upper[i]);
     }
     local
+}
+
+/// How many strokes were flown to their end in the half of the first trust region nearest to a point.
+fn surrounding(bounds: &Bounds, settings: &RefineSettings, flown: &[Flown], centre: &Point) -> usize {
+    let near = around(bounds, centre, 0.5 * settings.radius);
+    let inside = |x: &Point| (0..COUNT).all(|i| (near.lower[i]..=near.upper[i]).contains(&x[i]));
+    flown.iter().filter(|f| f.means.is_some() && inside(&f.x)).count()
 }
 
 /// The candidate and points around it, in the half of the trust region nearest to it.

@@ -142,6 +142,24 @@ fn assert_optimal(flown: &[Flown], done: &Next) {
     assert!(prices.iter().all(|p| p.abs() < region.weight));
 }
 
+/// A prediction which held tells a value, not a slope: nothing is called the best before strokes
+/// lie all around it.
+#[test]
+fn an_answer_is_surrounded_before_it_is_given() {
+    let (bounds, settings) = (Bounds::default(), RefineSettings::default());
+    let fly = |x: &Point| Flown { x: *x, means: Some((truth(x), [2e-4; 4])) };
+    let optimum = minimise(&Smooth(truth), &bounds, &bounds.from_unit(&[0.5; COUNT])).expect("an optimum").point;
+    let exact = Smooth(truth);
+    let tools = tools_on(&exact);
+    let mut flown = vec![fly(&optimum); 2];
+    let region = Region { round: 1, candidate: Some((1, truth(&optimum))), ..Region::default() };
+    let Next::Fly { region, batch } = step(&tools, &bounds, &settings, &flown, &region) else { panic!("done") };
+    assert_eq!(batch.len(), settings.batch);
+    flown.extend(batch.iter().map(fly));
+    let done = step(&tools, &bounds, &settings, &flown, &region);
+    assert!(matches!(done, Next::Done { stop: RefineStop::Agreed, .. }), "{done:?}");
+}
+
 /// Without a surrogate: what was flown near the optimum stands in for it.
 #[test]
 fn strokes_flown_nearby_are_enough_to_begin_with() {
