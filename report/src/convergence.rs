@@ -136,12 +136,12 @@ const REMARKS: [&str; 17] = [
      at 1 c, 0.868 at 1.4 c, 0.879 at 1.8 c), while violent strokes do. 1.2 c passes every canonical \
      check which cores can spoil; 1.4 c is calmer and misses the lift slope at aspect ratio 8 by a hair.",
     "**How fast old wake spreads is physics, and a choice.** With the errors of the means out of the way half of it \
-     still moves the 25 strokes by 2.2, 2.2, 1.8 and 1.7 hundredths. Nearly half of the sum of squares in L+ is random \
-     8 (1.6 without it), which beats by 31° to either side and stays in what it shed; nearly half of that in D+ is \
+     still moves the 25 strokes by 2.4, 2.1, 2.1 and 1.7 hundredths. Nearly half of the sum of squares in L+ is random \
+     8 (1.8 without it), which beats by 31° to either side and stays in what it shed; half of that in D+ is \
      random 18 and 10. They follow it smoothly, in L+ from 0.50 at 1.5 c to 0.62 at 0.6 c: no leap between two answers \
      which a better lattice would settle, but the age at which vortices of a turbulent wake have decayed, which a \
      lattice has to be told. Less of it is less calm besides: after the usual number of strokes the median standard \
-     error of L+ is 0.36 hundredths instead of 0.14.",
+     error of L+ is 0.33 hundredths instead of 0.13.",
     "**A wing in its own wake must not see single lines.** With elevation amplitudes above 20° and short sweeps the \
      elevation, at twice the frequency, is the faster motion: the edge goes forward, and the wing lies in wake just shed, \
      whose core of some hundredths of a chord as the wing sees it is less than rows or panels lie apart. In solver_version 7 \
