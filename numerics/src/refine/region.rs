@@ -86,7 +86,8 @@ impl Region {
 /// Why refining ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RefineStop {
-    /// Prediction and simulation agree at a trimmed stroke and nothing better is foreseen.
+    /// Prediction and simulation agree at a trimmed stroke with strokes flown all around it, and nothing better
+    /// is foreseen.
     Agreed,
     /// No simulations are left.
     Budget,

@@ -100,15 +100,7 @@ mod tests {
 
     #[test]
     fn strokes_are_flown_between_their_neighbours() {
-        let coarse = Settings {
-            chordwise_panels: 2,
-            spanwise_panels: 4,
-            steps_per_stroke: 12,
-            strokes: 2,
-            strokes_most: 2,
-            strokes_dropped: 1,
-            ..Settings::default()
-        };
+        let coarse = super::super::sample::coarse();
         let sample = strokes(2).unwrap();
         assert_eq!(sample.strokes.len(), 2 * BESIDE.len());
         let [a, b] = [0, 1].map(|i| sample.strokes[i].1);

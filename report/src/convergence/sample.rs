@@ -91,21 +91,27 @@ pub fn quantile(values: impl IntoIterator<Item = f64>, q: f64) -> f64 {
     values.get(place).copied().unwrap_or(f64::NAN)
 }
 
+/// Settings which fly in no time, for tests.
+#[cfg(test)]
+pub(super) fn coarse() -> Settings {
+    Settings {
+        chordwise_panels: 2,
+        spanwise_panels: 4,
+        steps_per_stroke: 12,
+        strokes: 2,
+        strokes_most: 2,
+        strokes_dropped: 1,
+        ..Settings::default()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn differences_are_those_of_the_means() {
-        let settings = Settings {
-            chordwise_panels: 2,
-            spanwise_panels: 4,
-            steps_per_stroke: 12,
-            strokes: 2,
-            strokes_most: 2,
-            strokes_dropped: 1,
-            ..Settings::default()
-        };
+        let settings = coarse();
         let sample = Sample::new(1).unwrap();
         assert_eq!(sample.strokes.len(), CASES.len() + 1);
         let flown = sample.fly(settings);
