@@ -154,8 +154,9 @@ const REMARKS: [&str; 17] = [
      published lifts rise by 0.4 hundredths.",
     "**A core which develops in a quarter of a stroke is calmer and wrong.** In solver_version 7, with `core_growth_time` \
      0.25, halving all cores moved the means by 1.22, 0.81, 0.62 and 1.13 hundredths instead of 1.92, 1.40, 0.76 and 1.18, \
-     and refinement by less too. But the near wake is then blurred as the wing sees it: lift of an oscillating plate is 2 to 3 % too high at k = \
-     0.2 to 0.5 instead of 1, lift after a sudden start 2.7 % instead of 1.4, published lifts rise by two hundredths. \
+     and refinement by less too. But the near wake is then blurred as the wing sees it: lift of an oscillating plate is 2 \
+     to 3 % too high at k = 0.2 to 0.5 instead of 1, lift after a sudden start 2.7 % instead of 1.4, published lifts rise \
+     by two hundredths. \
      Smaller cores of fresh wake (0.0625 c, wake on wing 0.1 c, bound on wake 0.05 c) make them matter less again (0.51, \
      1.12, 0.39 and 0.82 when halved), but refinement then moves P+ by 2.4 hundredths instead of 1.7.",
     "**Refinement of everything tells less than the distance from a fine lattice.** More steps raise the power of violent \

@@ -197,8 +197,7 @@ pub fn step(tools: &Tools<'_>, bounds: &Bounds, settings: &RefineSettings, flown
     let gain = merit(&here, region.weight) - merit(&predicted, region.weight);
     let nothing_better = agreed && off_trim(&here) <= TRIMMED && gain < doubt.max(GAIN);
     // That nothing better is near says a slope, and a slope is known where strokes lie all around.
-    let surrounded = surrounding(bounds, settings, flown, &centre) >= settings.batch;
-    if nothing_better && surrounded {
+    if nothing_better && surrounding(bounds, settings, flown, &centre) >= settings.batch {
         return done(RefineStop::Agreed, region);
     }
     // Once a prediction held, fewer points around the next one are enough.

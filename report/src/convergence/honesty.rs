@@ -57,19 +57,12 @@ fn honest(short: &Means, long: &Means, output: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::coarse;
     use super::*;
 
     #[test]
     fn a_small_table_has_every_output() {
-        let settings = Settings {
-            chordwise_panels: 2,
-            spanwise_panels: 4,
-            steps_per_stroke: 12,
-            strokes: 3,
-            strokes_most: 3,
-            strokes_dropped: 1,
-            ..Settings::default()
-        };
+        let settings = Settings { strokes: 3, strokes_most: 3, ..coarse() };
         let mut document = Document::new("x");
         write(&mut document, 2, settings).unwrap();
         assert!(OUTPUTS.iter().all(|o| document.text().contains(o.2)), "{}", document.text());

@@ -9,32 +9,21 @@ use manduca_numerics::sampling::sample;
 use manduca_numerics::uvlm::Settings;
 
 use super::sample::{Flown, SEED, Sample, difference};
-use super::trials::{header, row};
+use super::trials::{Trial, changed, header, row, trial};
 use crate::markdown::{Document, Table, fixed};
 
 /// Elevation amplitudes next to a stroke's own, degrees from it.
 const BESIDE: [f64; 3] = [-1.0, 0.0, 1.0];
 
-/// A change, and of which trial it is one.
-struct Trial {
-    what: &'static str,
-    of: usize,
-    changes: &'static [(&'static str, f64)],
-}
-
-const fn trial(what: &'static str, of: usize, changes: &'static [(&'static str, f64)]) -> Trial {
-    Trial { what, of, changes }
-}
-
-/// What is flown; the first is the default.
-const TRIALS: [Trial; 7] = [
-    trial("default", 0, &[]),
-    trial("core over the wing halved", 0, &[("core_over_wing", 0.05)]),
-    trial("doubled", 0, &[("core_over_wing", 0.2)]),
-    trial("left out", 0, &[("core_over_wing", 0.0)]),
-    trial("left out, fresh wake 0.03 c", 0, &[("core_over_wing", 0.0), ("fresh_core_on_wing", 0.03)]),
-    trial("102 steps", 0, &[("steps_per_stroke", 102.0)]),
-    trial("102 steps, both without it", 3, &[("core_over_wing", 0.0), ("steps_per_stroke", 102.0)]),
+/// What is flown, and the trial from which its change counts; the first is the default.
+const TRIALS: [(usize, Trial); 7] = [
+    (0, trial("default", &[])),
+    (0, trial("core over the wing halved", &[("core_over_wing", 0.05)])),
+    (0, trial("doubled", &[("core_over_wing", 0.2)])),
+    (0, trial("left out", &[("core_over_wing", 0.0)])),
+    (0, trial("left out, fresh wake 0.03 c", &[("core_over_wing", 0.0), ("fresh_core_on_wing", 0.03)])),
+    (0, trial("102 steps", &[("steps_per_stroke", 102.0)])),
+    (3, trial("102 steps, both without it", &[("core_over_wing", 0.0), ("steps_per_stroke", 102.0)])),
 ];
 /// Trials whose lift is shown stroke by stroke.
 const SHOWN: [(usize, &str); 4] = [(0, "default"), (5, "102 steps"), (3, "left out"), (6, "left out, 102 steps")];
@@ -65,7 +54,7 @@ fn strokes(count: u64) -> io::Result<Sample> {
 /// When too few such strokes are feasible.
 pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Result<()> {
     let sample = strokes(count)?;
-    let flown: Vec<Flown> = TRIALS.iter().map(|t| sample.fly(super::trials::changed(settings, t.changes))).collect();
+    let flown: Vec<Flown> = TRIALS.iter().map(|(_, trial)| sample.fly(changed(settings, trial.changes))).collect();
     document.heading("Wings over the wake they have just shed");
     document.paragraph(&format!(
         "{count} random strokes with elevation amplitudes of 25 to 29° and sweep amplitudes below 40° (seed {}), each with \
@@ -73,8 +62,8 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
         SEED + 3
     ));
     let mut table = header("change");
-    for (trial, means) in TRIALS.iter().zip(&flown) {
-        row(&mut table, trial.what, &difference(&flown[trial.of], means), means);
+    for ((from, trial), means) in TRIALS.iter().zip(&flown) {
+        row(&mut table, trial.what, &difference(&flown[*from], means), means);
     }
     document.table(&table);
     document.paragraph("L+ of each stroke between its neighbours, and the largest of their standard errors:");
@@ -96,18 +85,18 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::coarse;
     use super::*;
 
     #[test]
     fn strokes_are_flown_between_their_neighbours() {
-        let coarse = super::super::sample::coarse();
         let sample = strokes(2).unwrap();
         assert_eq!(sample.strokes.len(), 2 * BESIDE.len());
         let [a, b] = [0, 1].map(|i| sample.strokes[i].1);
         assert!((b[at::ELEVATION_AMPLITUDE] - a[at::ELEVATION_AMPLITUDE] - 1.0).abs() < 1e-12);
         assert!(a[at::SWEEP_AMPLITUDE] < 40.0 && (24.0..=28.0).contains(&a[at::ELEVATION_AMPLITUDE]));
         let mut document = Document::new("x");
-        write(&mut document, 2, coarse).unwrap();
+        write(&mut document, 2, coarse()).unwrap();
         assert!(document.text().contains("| default | 6 | 0.00 | 0.00 | 0.00 | 0.00 |"), "{}", document.text());
         assert_eq!(document.text().matches("| 102 steps").count(), 3, "{}", document.text());
     }

@@ -53,18 +53,12 @@ pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::coarse;
     use super::*;
 
     #[test]
     fn the_strokes_it_moves_most_are_flown_at_all_spreadings() {
-        let coarse = long(Settings {
-            chordwise_panels: 2,
-            spanwise_panels: 4,
-            steps_per_stroke: 12,
-            strokes: 2,
-            strokes_dropped: 1,
-            ..Settings::default()
-        });
+        let coarse = long(coarse());
         let sample = Sample::new(1).unwrap();
         let mut document = Document::new("x");
         write(&mut document, &sample, coarse);

@@ -7,12 +7,12 @@ use super::sample::{Difference, Flown, Sample, difference, quantile};
 use crate::markdown::{Document, Table, fixed, signed, significant};
 
 /// A change of settings and what it tries.
-struct Trial {
-    what: &'static str,
-    changes: &'static [(&'static str, f64)],
+pub(super) struct Trial {
+    pub(super) what: &'static str,
+    pub(super) changes: &'static [(&'static str, f64)],
 }
 
-const fn trial(what: &'static str, changes: &'static [(&'static str, f64)]) -> Trial {
+pub(super) const fn trial(what: &'static str, changes: &'static [(&'static str, f64)]) -> Trial {
     Trial { what, changes }
 }
 
