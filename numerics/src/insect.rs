@@ -90,10 +90,27 @@ impl Insect {
         }
         let (r1, r2) = (self.area_radius_1, self.area_radius_2);
         let k = r1 * (1.0 - r1) / (r2 * r2 - r1 * r1) - 1.0;
-        // p and q of the beta distribution must exceed one half for the chord to be integrable squared.
-        if !(r2 > r1 && r1 * k > 0.5 && (1.0 - r1) * k > 0.5) {
-            return Err(("area_radius_2", format!("no chord distribution has area radii {r1} and {r2}")));
+        // p and q of the beta distribution: from one half on the chord is integrable squared, up to five the end strips
+        // have one.
+        let possible = |p: f64| (0.5..5.0).contains(&p) && p > 0.5;
+        if !(r2 > r1 && possible(r1 * k) && possible((1.0 - r1) * k)) {
+            return Err(("area_radius_2", format!("no wing has area radii {r1} and {r2}")));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wings_without_chord_at_their_ends_are_refused() {
+        assert!(Insect::default().check().is_ok());
+        // p = q = 124: all chord in the middle of the span. p = 0.4: none to be integrated.
+        for (r1, r2) in [(0.5, 0.501), (0.5, 0.52), (0.5, 0.62), (0.6, 0.5)] {
+            let insect = Insect { area_radius_1: r1, area_radius_2: r2, ..Insect::default() };
+            assert_eq!(insect.check().unwrap_err().0, "area_radius_2", "{r1} {r2}");
+        }
     }
 }

@@ -7,7 +7,7 @@ use crate::parameters::Point;
 use crate::{quasi_steady, uvlm};
 
 /// Version of the numbers: it changes whenever any result may change.
-pub const SOLVER_VERSION: &str = "8";
+pub const SOLVER_VERSION: &str = "9";
 
 /// Which aerodynamics, with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,14 +55,14 @@ pub struct Estimate {
     pub se: f64,
 }
 
-/// Power of one joint, both wings, stroke means before rectification, W.
+/// Power of one joint, both wings, stroke means, W.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct JointPower {
     /// Against the air.
     pub aerodynamic_w: f64,
     /// Against the wing's own inertia (zero over a stroke when summed over joints).
     pub inertial_w: f64,
-    /// Positive part of the sum: what the muscles must deliver.
+    /// Mean of the positive part of their sum, less what a spring returns: what the muscles must deliver.
     pub required_w: f64,
 }
 
@@ -71,7 +71,7 @@ pub struct JointPower {
 pub struct StrokeMean {
     /// Lift, drag, pitching moment, power in SI units, order of [`crate::parameters::OUTPUTS`].
     pub outputs: [f64; 4],
-    /// Force along the stroke plane (forward) and normal to it, N.
+    /// Force along the stroke plane, forward, N.
     pub tangential_n: f64,
     /// Force normal to the stroke plane, N.
     pub normal_n: f64,
@@ -99,7 +99,7 @@ pub struct Means {
 }
 
 impl Means {
-    /// Power per lift, W/N; infinite where nothing is lifted.
+    /// Power per lift, W/N; of no meaning where nothing is lifted.
     pub fn power_per_lift(&self) -> f64 {
         self.outputs[3].mean / self.outputs[0].mean
     }
@@ -236,7 +236,7 @@ impl Means {
 /// Successive strokes alternate (the wake of one disturbs the next), so strokes
 /// are paired and the spread of the pairs' means is used; an odd first stroke is
 /// in the mean but in no pair. With fewer than two pairs the strokes themselves
-/// are used, and a single stroke has no standard error to show. Few values give a
+/// are used, and a single stroke has no standard error: 0 stands for it. Few values give a
 /// poor idea of their own spread: the error is widened by Student's factor, so that
 /// the mean lies within two of it nineteen times in twenty.
 pub fn estimate(strokes: &[f64]) -> Estimate {

@@ -31,7 +31,7 @@ def view(**changes: Any) -> StudyView:
         "failure": None,
         "created_at": "",
         "spec": {"sampling": {"samples": 300}},
-        "solver_version": "8",
+        "solver_version": "9",
         "samples": JOBS,
         "stage_jobs": JOBS,
         "audits": JOBS,

@@ -58,6 +58,10 @@ fn wants_more(flown: &[StrokeMean], settings: &Settings, insect: &Insect) -> boo
     if flown.len() + 2 > settings.strokes_most {
         return false;
     }
+    // The mean of one stroke has no standard error to be judged by.
+    if flown.len() < settings.strokes_dropped + 2 {
+        return true;
+    }
     let means = Means::over(flown, settings.strokes_dropped, insect);
     let weight = insect.scales()[0];
     let [tangential, normal, _] = means.stroke_axes.map(|e| e.se / weight);
@@ -67,7 +71,7 @@ fn wants_more(flown: &[StrokeMean], settings: &Settings, insect: &Insect) -> boo
 
 fn solver(insect: &Insect, settings: &Settings, stroke: &Stroke, air: Air) -> Solver {
     let planform = Planform::of_insect(insect, settings);
-    let speeds = edge_speeds(&planform, stroke);
+    let speeds = edge_speeds(&planform, insect.hinge_offset_m, stroke, &air);
     solver_of(&planform, settings, insect.mean_chord_m, stroke.period(), &speeds, air)
 }
 
@@ -106,7 +110,7 @@ pub fn solver_of(
     let mut solver = Solver::new(lattice, air, cores, suction, kept);
     let joined = (settings.wake_joined_after * steps).round() as usize;
     if joined < kept {
-        solver = solver.joining_after(joined);
+        solver = solver.joining_after(joined, settings.steps_per_stroke);
     }
     if settings.wake_tail > 0.0 {
         solver = solver.with_tail(settings.steps_per_stroke, settings.wake_tail * chord);
@@ -117,17 +121,78 @@ pub fn solver_of(
     solver
 }
 
-/// Mean speed of the trailing edge at each station over a stroke, m/s.
-fn edge_speeds(planform: &Planform, stroke: &Stroke) -> Vec<f64> {
+/// Mean speed of the trailing edge through the air at each station over a stroke, m/s.
+fn edge_speeds(planform: &Planform, hinge_offset: f64, stroke: &Stroke, air: &Air) -> Vec<f64> {
     const INSTANTS: usize = 200;
     let mut speeds = vec![0.0; planform.span.len()];
     for i in 0..INSTANTS {
-        let attitude = Attitude::new(&stroke.angles(i as f64 / INSTANTS as f64));
+        let pose = Pose::hinged(hinge_offset, &Attitude::new(&stroke.angles(i as f64 / INSTANTS as f64)));
         for (k, speed) in speeds.iter_mut().enumerate() {
             let edge = Flat::new(planform.span[k], planform.trailing[k]);
-            let arm = attitude.e_r * edge.x + attitude.e_c * edge.y;
-            *speed += attitude.omega.cross(&arm).norm() / INSTANTS as f64;
+            let velocity = pose.velocity_of(&edge) + air.carried(&pose.place(&edge));
+            *speed += velocity.norm() / INSTANTS as f64;
         }
     }
     speeds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinematics::ElevationPhase;
+    use crate::simulation::{BodyVelocity, Model};
+
+    fn coarse() -> Settings {
+        Settings { chordwise_panels: 2, spanwise_panels: 3, strokes_dropped: 1, ..Settings::default() }
+    }
+
+    fn simulation(settings: Settings) -> Simulation {
+        Simulation {
+            model: Model::Uvlm(settings),
+            insect: Insect::default(),
+            parameters: crate::cases::CASES[0].parameters,
+            elevation_phase: ElevationPhase::Plus,
+            elastic_storage: 0.0,
+            body_velocity: BodyVelocity::default(),
+        }
+    }
+
+    #[test]
+    fn one_stroke_is_not_enough_to_judge_its_error_by() {
+        let insect = Insect::default();
+        let settings = Settings { strokes: 2, strokes_most: 8, ..coarse() };
+        assert!(wants_more(&[StrokeMean::default(); 2], &settings, &insect));
+        assert!(!wants_more(&[StrokeMean::default(); 4], &settings, &insect));
+        assert!(!wants_more(&[StrokeMean::default(); 2], &Settings { strokes_most: 2, ..settings }, &insect));
+    }
+
+    #[test]
+    fn every_stroke_keeps_the_same_rows() {
+        // Ten steps are no multiple of four.
+        let steps = 10;
+        let settings = Settings {
+            steps_per_stroke: steps,
+            strokes: 7,
+            strokes_most: 7,
+            wake_strokes: 3.0,
+            wake_joined_after: 0.2,
+            ..coarse()
+        };
+        let mut rows = Vec::new();
+        let mut watch = |_: &Moment, solver: Option<&Solver>| {
+            let rings = solver.map(Solver::rings);
+            rows.extend(rings.map(|r| r.nodes[0].len() / r.columns));
+            true
+        };
+        fly(&simulation(settings), &settings, &mut watch).unwrap();
+        assert_eq!(rows[5 * steps..6 * steps], rows[6 * steps..]);
+        assert!(rows[6 * steps] < 3 + 30, "rows were joined: {}", rows[6 * steps]);
+    }
+
+    #[test]
+    fn the_shortest_wake_there_can_be_flies() {
+        let settings = Settings { steps_per_stroke: 8, wake_strokes: 0.1, strokes: 3, strokes_most: 3, ..coarse() };
+        let flown = fly(&simulation(settings), &settings, &mut |_, _| true).unwrap().unwrap();
+        assert!(flown.iter().all(|stroke| stroke.normal_n.is_finite()));
+    }
 }

@@ -206,7 +206,8 @@ impl Circulations {
                 return None;
             }
             if change <= CONVERGED * size {
-                return Some(());
+                // Neither of the two counts what is not a number.
+                return guess.iter().all(|g| g.is_finite()).then_some(());
             }
         }
         let solution = (self.own.dense() + self.image.dense()).lu().solve(&DVector::from_column_slice(rhs))?;

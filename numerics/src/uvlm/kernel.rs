@@ -1,8 +1,7 @@
 //! The one Biot-Savart kernel: the velocity a vortex sheet induces at points.
 //!
-//! Everything the solver needs is a call of [`induce`]: the influence matrix
-//! (sheets of one ring), its image (mirrored targets), the wake on the wing and
-//! the wake on itself. A sheet is a grid of nodes joined by straight vortex
+//! Wake and wing act on the wing and on the wake by a call of [`induce`]; rings of the wing one by one, for the influence
+//! matrices, by `influence.rs`, with the same formula. A sheet is a grid of nodes joined by straight vortex
 //! segments; coincident edges of neighbouring rings are merged into one segment
 //! with their net circulation.
 //!
@@ -312,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn square_ring_and_its_mirror() {
+    fn the_middle_of_a_square_ring() {
         let a = 0.3;
         let corners = [[0.0, 0.0, 0.0], [0.0, a, 0.0], [a, 0.0, 0.0], [a, a, 0.0]];
         let core = 1e-8;

@@ -27,9 +27,9 @@ pub struct Flow<'a> {
 
 /// Unsteady Bernoulli (Katz & Plotkin 13.12) on a rigid planar wing, plus suction.
 ///
-/// Per ring: ρ[v·∇Γ + dΓ/dt] A n. The chordwise gradient acts as the force of the
-/// bound segment at the quarter point; the spanwise one and dΓ/dt act on the part
-/// of the wing the ring covers. Positive circulation lifts towards `pose.normal()`.
+/// Per ring: ρ[v·∇Γ + dΓ/dt] A n. What is steady acts in the middle of the bound segment: the
+/// chordwise gradient as the segment's own force, the spanwise one over the part of the wing the
+/// ring covers. dΓ/dt acts in the middle of that part. Positive circulation lifts towards `pose.normal()`.
 pub fn wing_load(
     lattice: &Lattice,
     pose: &Pose,

@@ -14,7 +14,7 @@ table! {
         strokes: usize = 10, 1..=200, "", "strokes flown, from rest, at least";
         strokes_dropped: usize = 4, 0..=100, "", "first strokes left out of the means (the wake builds up)";
         strokes_most: usize = 20, 1..=400, "", "strokes flown at most: two more at a time while a standard error is above `standard_error`";
-        standard_error: f64 = 0.005, 0.0..=1.0, "", "standard error of L+, D+, M+ and P+ at which no more strokes are flown";
+        standard_error: f64 = 0.005, 0.0..=1.0, "", "standard error of M+, P+ and, in W, of the forces along and normal to the stroke plane at which no more strokes are flown";
         wake_strokes: f64 = 2.0, 0.1..=20.0, "strokes", "how long the free wake is remembered ring by ring";
         wake_joined_after: f64 = 0.125, 0.0..=20.0, "strokes", "age from which every other row of wake is joined to its neighbour, again from four times that age, and so on";
         wake_tail: f64 = 2.0, 0.0..=6.0, "c", "radius of the sinks which stand for the wake forgotten; 0 leaves them out";

@@ -56,8 +56,8 @@ pub struct Solver {
     vorticity: Vorticity,
     /// Age in steps at which wake is forgotten.
     kept: usize,
-    /// Age in steps from which every other row of wake is joined to its neighbour; see `joining_after`.
-    joined_after: Option<usize>,
+    /// Age from which rows of wake are joined and length of a stroke, steps; see `joining_after`.
+    joined: Option<(usize, usize)>,
     tail: Option<Tail>,
     single: bool,
     circulations: Circulations,
@@ -128,7 +128,7 @@ impl Solver {
         Self {
             vorticity: Vorticity::new(lattice.columns(), lattice.chordwise + 1, rows),
             kept: kept.max(1),
-            joined_after: None,
+            joined: None,
             tail: None,
             single: false,
             fit: SuctionFit::new(lattice.chordwise),
@@ -159,9 +159,9 @@ impl Solver {
 
     /// Joins every other row of wake older than `age` steps to its neighbour, every other of those left
     /// when they are four times as old, and so on: rows lie apart by the root of their age, as wide as
-    /// their cores have spread.
-    pub fn joining_after(mut self, age: usize) -> Self {
-        self.joined_after = Some(age.max(2));
+    /// their cores have spread. Every stroke of `period` steps keeps the same rows.
+    pub fn joining_after(mut self, age: usize, period: usize) -> Self {
+        self.joined = Some((age.max(2), period.max(1)));
         self
     }
 
@@ -186,7 +186,9 @@ impl Solver {
             self.forget();
             self.convect(dt);
             self.vorticity.shed(self.steps - 1, self.time);
-            self.join();
+            if let Some((age, period)) = self.joined {
+                self.vorticity.join_old(self.steps, age, period);
+            }
             self.time += dt;
             self.last = [dt, self.last[0]];
         }
@@ -227,24 +229,12 @@ impl Solver {
     /// Forgets the row of wake which would grow too old in this step.
     fn forget(&mut self) {
         let now = self.steps - 1;
-        // One step older by the time the row would be seen again.
         if let Some(tail) = &mut self.tail {
-            tail.watch(&self.vorticity, now, self.kept - 1);
+            tail.watch(&self.vorticity, now, self.kept);
         }
         let last = self.vorticity.rows() - 1;
         if last > self.vorticity.edge_row() && now - self.vorticity.born(last) >= self.kept {
             self.vorticity.forget();
-        }
-    }
-
-    /// Joins the rings on either side of each row which has come of age.
-    fn join(&mut self) {
-        let Some(age) = self.joined_after else { return };
-        let old = |born: usize| self.steps - born >= age.saturating_mul(4_usize.saturating_pow(born.trailing_zeros()));
-        for row in (self.vorticity.edge_row() + 2..self.vorticity.rows() - 1).rev() {
-            if old(self.vorticity.born(row)) {
-                self.vorticity.join(row);
-            }
         }
     }
 
@@ -283,11 +273,13 @@ impl Solver {
         let cores = self.cores;
         let by_age = |age: f64| if age <= 0.0 { cores.bound } else { cores.on_wing(age) };
         let normal = pose.normal();
-        let by_place = |p: [f64; 3]| {
+        let over = |p: [f64; 3]| {
             let from = Vector::from(p) - pose.origin;
             let flat = || Flat::new(from.dot(&pose.e_r), from.dot(&pose.e_c));
             cores.over_wing2(from.dot(&normal), || self.lattice.ahead_of_edge(&flat()))
         };
+        // It acts on the other wing too, this one's image; what lies over one is far from the other.
+        let by_place = |p: [f64; 3]| over(p) + over(mirrored(p));
         self.vorticity.assemble(self.time, by_age, by_place);
         self.near_velocity.clear();
         if let Some(wake) = self.vorticity.wake() {

@@ -51,7 +51,7 @@ impl Tail {
         Self { period, radius, marks: VecDeque::new(), lost: VecDeque::new(), sinks: Vec::new() }
     }
 
-    /// Looks at the wake at the end of step `now`, before rows older than `kept` steps are forgotten.
+    /// Looks at the wake at the end of step `now`, before rows `kept` steps old are forgotten.
     pub fn watch(&mut self, wake: &Vorticity, now: usize, kept: usize) {
         let marked = kept.saturating_sub(self.period).max(1);
         for row in wake.edge_row() + 1..wake.rows() {
@@ -60,7 +60,7 @@ impl Tail {
             }
         }
         let last = wake.rows() - 1;
-        if last > wake.edge_row() && now - wake.born(last) > kept {
+        if last > wake.edge_row() && now - wake.born(last) >= kept {
             self.lose(wake, now, kept - marked);
         }
         while self.lost.front().is_some_and(|l| now - l.step >= self.period) {
@@ -101,7 +101,8 @@ impl Tail {
         // A wake which stays where it is has no jet: its copies are no closer than half a radius.
         let length = drift.norm().max(0.5 * self.radius);
         for lost in &self.lost {
-            let since = (now - lost.step) as f64 / self.period as f64;
+            // They act in the step to come.
+            let since = (now + 1 - lost.step) as f64 / self.period as f64;
             let place = lost.place + drift * (since - 0.5);
             let strength = lost.moment.dot(&drift) / (length * length);
             self.sinks.push((place.into(), strength / (4.0 * std::f64::consts::PI)));
@@ -149,5 +150,55 @@ impl Work for Induce<'_> {
             }
             velocity.store(simd, start, [u, v, w]);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wing which sheds a level sheet, `dx` longer by every step, that sinks by `down` in each, looked at after so many
+    /// steps as a solver which keeps `kept` of them would.
+    fn flown(steps: usize, kept: usize, period: usize, dx: f64, down: f64) -> Tail {
+        let mut tail = Tail::new(period, 1e-3);
+        let mut wake = Vorticity::new(2, 2, kept + 1);
+        for step in 0..steps {
+            if let Some(now) = step.checked_sub(1) {
+                tail.watch(&wake, now, kept);
+                let last = wake.rows() - 1;
+                if last > wake.edge_row() && now - wake.born(last) >= kept {
+                    wake.forget();
+                }
+                for i in wake.convected() {
+                    let [x, y, z] = wake.node(i);
+                    wake.set_node(i, [x, y, z - down]);
+                }
+                wake.shed(now, 0.0);
+            }
+            for (i, [ahead, y]) in [[1.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.0, 1.0]].into_iter().enumerate() {
+                wake.set_node(i, [step as f64 * dx + ahead, y, 0.0]);
+            }
+            wake.set_bound(&[0.5]);
+        }
+        tail
+    }
+
+    #[test]
+    fn sinks_draw_the_jet_of_what_is_forgotten() {
+        let (kept, period, dx, down) = (12, 6, 0.1, 0.2);
+        let tail = flown(40, kept, period, dx, down);
+        assert_eq!(tail.sinks.len(), period);
+        // F / (ρ U), the force that of a bound vortex, ρ Γ dx/dt over a span of one: Γ dx / down.
+        let drawn: f64 = tail.sinks.iter().map(|(_, q)| 4.0 * std::f64::consts::PI * q).sum();
+        assert!((drawn.abs() / (0.5 * dx / down) - 1.0).abs() < 1e-12, "{drawn}");
+        // The ring just lost would be kept + 1/2 steps old in the step to come; copies follow a stroke apart.
+        let (place, _) = tail.sinks[period - 1];
+        let begins = (kept as f64 + 0.5 - 0.5 * period as f64) * down;
+        assert!((place[2] + begins).abs() < 1e-12, "{place:?} {begins}");
+    }
+
+    #[test]
+    fn a_wake_of_one_step_leaves_none() {
+        assert!(flown(9, 1, 6, 0.1, 0.2).sinks.is_empty());
     }
 }

@@ -141,9 +141,21 @@ impl Vorticity {
         self.rows -= 1;
     }
 
+    /// In step `now`, joins the rings on either side of every row of wake which has come of age: every other row of a
+    /// stroke of `period` steps when it is `age` steps old, every other of those left at four times that age, and so on.
+    pub fn join_old(&mut self, now: usize, age: usize, period: usize) {
+        let joined_at = |born: usize| age.saturating_mul(4_usize.saturating_pow((born % period).trailing_zeros()));
+        for row in (self.edge_row() + 2..self.rows - 1).rev() {
+            if now - self.born[row] >= joined_at(self.born[row]) {
+                self.join(row);
+            }
+        }
+    }
+
     /// Joins the rings before and behind a row of wake nodes, which goes. The joint
-    /// ring's circulation keeps the impulse: Γ A = Γ1 A1 + Γ2 A2.
-    pub fn join(&mut self, row: usize) {
+    /// ring's circulation is the mean by area, which keeps the impulse ΓA where they are parallel:
+    /// Γ |A| = Γ1 |A1| + Γ2 |A2|, |A| = |A1| + |A2|.
+    fn join(&mut self, row: usize) {
         let (columns, strips) = (self.columns, self.strips());
         for k in 0..strips {
             let (before, behind) = ((row - 1) * strips + k, row * strips + k);
