@@ -27,7 +27,7 @@ pub fn settings() -> String {
          and step; it tells whether the settings are right. `{}`: {} x {} panels and the step of a hawkmoth's stroke as \
          well; it tells what the lattice in use costs, measured with the same tolerances. Lengths are in mean chords; a \
          stroke is the path of the station at r2 in a stroke of the measured hawkmoth, 4 φa r2 R/c = {:.2} chords, \
-         so that a step is {:.3} chords and the cores develop within {:.2} chords. The wake is kept whole.",
+         so that a step is {:.3} chords and the cores develop within {:.2} chords. No wake is forgotten.",
         Setup::Production.name(),
         Setup::Flown.name(),
         s.chordwise_panels,

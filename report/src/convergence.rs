@@ -74,7 +74,8 @@ fn introduction(document: &mut Document, effort: Effort) {
          published strokes and {} random ones of the design box (Table 2 of the paper, strokes {} of seed {SEED}) with \
          changed settings, and shows by how much the stroke means move. Changes count in hundredths of the weight W (L+ \
          and D+), of W c (M+) and of 84.2 mW (P+), as root mean squares over all strokes. Random strokes need up to seven \
-         times 84.2 mW: the last two columns count L+ and P+ relative to themselves where they are above one.",
+         times 84.2 mW: columns of *relative* changes count L+ and P+ relative to themselves where they are above one. \
+         *Mean* changes have their signs; the last column is the median standard error of L+, in hundredths of W.",
         effort.strokes,
         if effort.strokes > 0 { format!("0 to {}", effort.strokes - 1) } else { "none".into() },
     ));
@@ -127,20 +128,23 @@ const REMARKS: [&str; 17] = [
      have spread. A flight then takes a fifth of its time, which was spent on strips and steps. What joining \
      changes is for three quarters in two strokes of the 25 which answer anything by several hundredths (random 0 and 13). \
      Rows this far apart want a wake which spreads by more than a chord in a stroke: remembered twice as long, one which \
-     spreads to 1 c moves L+ and D+ by 1.4 and 2.0 hundredths, to 1.2 c by 1.3 and 1.4, to 1.4 c by 0.9 and 0.6.",
+     spreads to 1.4 c moves L+ and D+ by 0.7 hundredths, to 0.8 to 1.2 c by 1.4 to 1.8. Every stroke must keep the same rows, \
+     which are joined by their step in the stroke: by their number since the start, a longer wake or other steps per \
+     stroke would have a wake of another shape after every other stroke.",
     "**A smaller core of fresh wake is less of a choice, and needs a wake which spreads faster.** With 0.25 c for fresh wake \
      and a spreading to 1 c in a stroke, halving all cores moved L+ by 3.1 hundredths; with 0.125 c and 1.4 c by 1.9, \
      and the means themselves differ by one hundredth between the two. What the spreading does is two things which \
      nearly cancel in lift: halved as the wing alone sees it, the published strokes lose 4 to 5 hundredths; halved as the wake \
      alone sees it, they gain 3 to 5. So the mean L+ of the published strokes hardly depends on it (0.877 at 0.7 c, 0.867 \
      at 1 c, 0.868 at 1.4 c, 0.879 at 1.8 c), while violent strokes do. 1.2 c passes every canonical \
-     check which cores can spoil; 1.4 c is calmer and misses the lift slope at aspect ratio 8 by a hair.",
+     check which the spreading can spoil; 1.4 c is calmer and misses the lift slope at aspect ratio 8 by a hair.",
     "**How fast old wake spreads is physics, and a choice.** With the errors of the means out of the way half of it \
-     still moves the 25 strokes by 2.4, 2.1, 2.1 and 1.7 hundredths. Nearly half of the sum of squares in L+ is random \
-     8 (1.8 without it), which beats by 31° to either side and stays in what it shed; half of that in D+ is \
+     still moves the 25 strokes by 2.2, 2.0, 1.9 and 1.9 hundredths. Nearly half of the sum of squares in L+ is random \
+     8 (1.7 without it), which beats by 31° to either side and stays in what it shed; half of that in D+ is \
      random 18 and 10. They follow it smoothly, in L+ from 0.50 at 1.5 c to 0.62 at 0.6 c: no leap between two answers \
      which a better lattice would settle, but the age at which vortices of a turbulent wake have decayed, which a \
-     lattice has to be told. Less of it is less calm besides: after the usual number of strokes the median standard \
+     lattice has to be told. Nor would another default be less of a choice: half of 0.8, 1.0 and 1.4 c moves L+ by 3.0, 2.6 \
+     and 2.8. Less of it is less calm besides: after the usual number of strokes the median standard \
      error of L+ is 0.33 hundredths instead of 0.13.",
     "**A wing in its own wake must not see single lines.** With elevation amplitudes above 20° and short sweeps the \
      elevation, at twice the frequency, is the faster motion: the edge goes forward, and the wing lies in wake just shed, \
@@ -183,8 +187,8 @@ const REMARKS: [&str; 17] = [
      meshes with the same panels per step (two per cent of lift were left in strokes which answer by leaps).",
     "**A lattice which is exact where theory is does not fly better.** Panels and strips at equal angles of a \
      semicircle over chord and span (Lan 1974, J. Aircraft 11, 518) bring the steady lift slope within 0.3 % of its \
-     limit with ten strips, where the default lattice is 2 % above it, and make the added mass of a two-dimensional \
-     plate exact, where that of finite plates is 9 to 10 % too high now. With it, and dΓ/dt from a cubic through \
+     limit with ten strips, where equal panels (8 x 10) were 2 % above it, and make the added mass of a two-dimensional \
+     plate exact, where that of finite plates is 9 to 12 % too high on the default lattice. With it, and dΓ/dt from a cubic through \
      the impulse of the steps about each instant, 6 x 10 panels and 64 steps against 12 x 20 and 96 moved the 25 \
      strokes by 2.7, 2.6, 2.2 and 7.7 hundredths (panels alone 0.7, 0.3, 0.3 and 0.4; strips alone 1.0, 0.9, 0.5 \
      and 1.7; 96 steps alone 1.8, 1.4, 1.1 and 4.0). What is left is the time step's, which the errors of equal \

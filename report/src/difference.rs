@@ -58,7 +58,7 @@ pub fn paragraphs(flown: &[Flown], study: &Study, other: &Group) -> Vec<String> 
          and is the specimen's here, axis and hinges are not given there. Power follows lift: of these changes none moves \
          the power per lift of any stroke by more than {} %.",
         Settings::default().suction_to_lift,
-        fixed(100.0 * powers.into_iter().filter(|p| p.is_finite()).fold(0.0, f64::max), 0),
+        fixed((100.0 * powers.into_iter().filter(|p| p.is_finite()).fold(0.0, f64::max)).ceil(), 0),
     ));
     texts.extend(like_with_like(study, other));
     texts
@@ -87,8 +87,8 @@ fn like_with_like(study: &Study, other: &Group) -> Option<String> {
     let middle = 0.5 * (low + high);
     Some(format!(
         "Like with like: public codes keep the suction in the wing's plane. In the flight they share ({}) we have {} mN \
-         with all cores 0.05 c and {} mN at the default settings, against {} to {} mN: {} and {} of the middle. The five \
-         strokes with all suction in the plane change L+ by {} on average.",
+         with all cores 0.05 c and {} mN with the default lattice and cores, against {} to {} mN, whose middle they \
+         differ from by {} and {}. The five strokes with all suction in the plane change L+ by {} on average.",
         other_code::SHORT,
         fixed(fine.got, 1),
         fixed(default.got, 1),
@@ -139,7 +139,7 @@ mod tests {
         let text = paragraphs(&flown, &study, &Group { title: "t", about: String::new(), rows }).join("\n");
         let suction =
             format!("all suction turned into lift {}", signed(study.lift_change(Change::SuctionToLift(1.0)), 3));
-        for part in [&fixed(gap(&flown).abs(), 3), &suction, "+5 % and -20 % of the middle"] {
+        for part in [&fixed(gap(&flown).abs(), 3), &suction, "by +5 % and -20 %"] {
             assert!(text.contains(part), "{part} in {text}");
         }
         assert!(!text.contains("NaN"), "{text}");

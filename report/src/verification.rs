@@ -122,8 +122,8 @@ impl Draft {
         self.document.heading("Sensitivities");
         self.document.paragraph(
             "Change of the means when one thing is changed from its default: mean over the five strokes, in brackets \
-             least and greatest. Area is changed by the mean chord at the same length and wing mass; cores are bound and \
-             wake, growth time as it is.",
+             least and greatest. Area is changed by the mean chord at the same length and wing mass; cores are all \
+             but for growth time and spreading.",
         );
         self.document.table(&study.changes());
         self.document.paragraph("L+ and P/L (W/N) of each stroke:");

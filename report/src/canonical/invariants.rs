@@ -62,7 +62,7 @@ impl Flight {
 
     fn loads(&self, air: Air) -> Vec<WingLoad> {
         let mut solver = self.solver(air);
-        self.poses.iter().map_while(|pose| solver.step(pose, self.dt())).collect()
+        self.poses.iter().map(|pose| solver.step(pose, self.dt())).collect::<Option<_>>().unwrap_or_default()
     }
 }
 
@@ -142,9 +142,9 @@ fn axes(flight: &Flight) -> f64 {
     difference(&flying, &carried, |l| *l)
 }
 
-/// Circulation: every ring of the wake keeps what the edge had when it was shed, and
-/// bound circulation and shed starting vortices add up to nothing. Greatest
-/// difference over the greatest circulation.
+/// Circulation: every ring of the wake keeps what the edge had when it was shed, so that bound
+/// circulation and starting vortices, which are the differences of successive rings, add up to
+/// nothing. Greatest difference over the greatest circulation.
 fn kelvin(flight: &Flight) -> f64 {
     // Joined rings carry a mean of what was shed.
     let settings = Settings { wake_joined_after: 20.0, ..flight.settings };
@@ -164,9 +164,6 @@ fn kelvin(flight: &Flight) -> f64 {
         let rows: Vec<&[f64]> = rings.circulation[edge..].chunks(strips).collect();
         for strip in 0..strips {
             most = most.max(shed[0][strip].abs());
-            let starting = |j: usize| rows[j][strip] - rows.get(j + 1).map_or(0.0, |row| row[strip]);
-            let vortices: f64 = (0..rows.len()).map(starting).sum();
-            off = off.max((shed[0][strip] - vortices).abs());
             let kept = rows.iter().zip(&shed).map(|(row, then)| (row[strip] - then[strip]).abs());
             off = kept.fold(off, f64::max);
         }

@@ -1,20 +1,25 @@
-//! The two-dimensional plate: vortices at one quarter, no flow through it at three
-//! quarters of each panel are exact for any number of panels.
+//! The two-dimensional plate: the lattice's bound segments and collocation points (at one and three
+//! quarters of each panel) are exact for any number of panels.
 
 use std::f64::consts::{PI, TAU};
 
 use manduca_numerics::math::sin;
-use manduca_numerics::uvlm::{Settings, SuctionFit};
+use manduca_numerics::uvlm::{Lattice, Settings, SuctionFit};
 use nalgebra::{DMatrix, DVector};
 
+use super::scheme::Scheme;
+use super::wing::Wing;
 use crate::check::{Expected, Group, Row, Setup};
 
 const INCIDENCE: f64 = 0.3;
 
 /// Circulations of a plate of unit chord at `INCIDENCE` in a stream of unit speed, front first.
 fn circulations(panels: usize) -> Option<DVector<f64>> {
-    let position = |i: usize, share: f64| (i as f64 + share) / panels as f64;
-    let influence = DMatrix::from_fn(panels, panels, |i, j| 1.0 / (TAU * (position(i, 0.75) - position(j, 0.25))));
+    let wing = Wing::two_dimensional(Scheme::fine(1e-6, 0.125, panels));
+    let lattice = Lattice::new(&wing.planform(), panels, &[0.0; 2]);
+    // Endless vortices where the bound segments are; the chord's axis points forward.
+    let behind = |i: usize, j: usize| lattice.panels[j].bound.y - lattice.panels[i].collocation.y;
+    let influence = DMatrix::from_fn(panels, panels, |i, j| 1.0 / (TAU * behind(i, j)));
     influence.lu().solve(&DVector::from_element(panels, sin(INCIDENCE)))
 }
 

@@ -65,7 +65,7 @@ fn fore_aft() -> Option<f64> {
 
 /// Mean inertial power over a stroke over its amplitude, unrectified, summed over the joints.
 fn energy(parameters: Point) -> Option<f64> {
-    let settings = Settings { strokes: 1, strokes_dropped: 0, steps_per_stroke: 48, ..coarse() };
+    let settings = Settings { strokes: 1, strokes_most: 1, strokes_dropped: 0, steps_per_stroke: 48, ..coarse() };
     let (mut mean, mut amplitude) = (0.0, 0.0_f64);
     let flight = Flight { settings, ..Flight::of(parameters) };
     simulate_watched(&flight.simulation(), &mut |moment, _| {

@@ -88,13 +88,14 @@ impl Wing {
         solver_of(&self.planform(), &settings, 1.0, self.scheme.stroke, &speeds, Air::still(1.0))
     }
 
-    /// Loads at every step after a sudden start at an incidence, over a path of so many chords.
+    /// Loads at every step after a sudden start at an incidence, over a path of so many chords; none when the
+    /// lattice blows up.
     pub fn loads(&self, incidence: f64, path: f64) -> Vec<WingLoad> {
         let step = self.scheme.step();
         let steps = (path / step).round() as usize + 1;
         let mut solver = self.solver(path);
         let pose = |i: usize| level(incidence, Vector::new(i as f64 * step, 0.0, 0.0), Vector::x());
-        (0..steps).map_while(|i| solver.step(&pose(i), step)).collect()
+        (0..steps).map(|i| solver.step(&pose(i), step)).collect::<Option<_>>().unwrap_or_default()
     }
 
     /// Lift coefficients of the same, with the path at which each was taken.

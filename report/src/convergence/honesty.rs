@@ -22,22 +22,24 @@ const LONGER: usize = 10;
 /// When too few strokes of the design box are feasible.
 pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Result<()> {
     let points = (0..count).map(|i| random(OTHER_SEED, i)).collect::<io::Result<Vec<_>>>()?;
-    let fly = |settings: Settings| -> Vec<Option<Means>> {
-        let flights: Vec<_> = points.iter().map(|x| super::flight(x, settings)).collect();
+    let fly = |settings: &[Settings]| -> Vec<Option<Means>> {
+        let flights: Vec<_> = points.iter().zip(settings).map(|(x, settings)| super::flight(x, *settings)).collect();
         fly_all(&flights).into_iter().map(Result::ok).collect()
     };
-    let flown = fly(settings);
-    let strokes = LONGER * settings.strokes_kept() + settings.strokes_dropped;
-    let long = fly(Settings { strokes, strokes_most: strokes, ..settings });
+    let flown = fly(&vec![settings; points.len()]);
+    let longer: Vec<_> = flown.iter().map(|means| longer(settings, means.as_ref())).collect();
+    let long = fly(&longer);
     let pairs: Vec<_> = flown.iter().zip(&long).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
     document.heading("Standard errors");
     document.paragraph(&format!(
         "{count} random strokes (seed {OTHER_SEED}), {} of which have means; strokes flown, median {}, most {}. The last \
-         column is the share whose mean lies within two standard errors of that of a run with {LONGER} times the strokes \
-         kept ({strokes} strokes flown).",
+         column is the share whose mean lies within two standard errors of that of the same flight gone on until {LONGER} \
+         times as many strokes were kept, the first among them (median {}, most {} flown).",
         pairs.len(),
         fixed(quantile(flown.iter().flatten().map(|m| m.strokes.len() as f64), 0.5), 0),
         fixed(quantile(flown.iter().flatten().map(|m| m.strokes.len() as f64), 1.0), 0),
+        fixed(quantile(long.iter().flatten().map(|m| m.strokes.len() as f64), 0.5), 0),
+        fixed(quantile(long.iter().flatten().map(|m| m.strokes.len() as f64), 1.0), 0),
     ));
     let mut table = Table::new(["output", "median se", "90 % below", "largest", "within two se of the long run"]);
     for (k, output) in OUTPUTS.iter().enumerate() {
@@ -48,6 +50,13 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
     }
     document.table(&table);
     Ok(())
+}
+
+/// Settings with which [`LONGER`] times the strokes are kept.
+fn longer(settings: Settings, flown: Option<&Means>) -> Settings {
+    let kept = flown.map_or(settings.strokes, |means| means.strokes.len()) - settings.strokes_dropped;
+    let strokes = LONGER * kept + settings.strokes_dropped;
+    Settings { strokes, strokes_most: strokes, ..settings }
 }
 
 fn honest(short: &Means, long: &Means, output: usize) -> bool {
@@ -67,5 +76,6 @@ mod tests {
         write(&mut document, 2, settings).unwrap();
         assert!(OUTPUTS.iter().all(|o| document.text().contains(o.2)), "{}", document.text());
         assert!(!document.text().contains("NaN"));
+        assert!(document.text().contains("median 3, most 3") && document.text().contains("(median 21, most 21 flown)"));
     }
 }

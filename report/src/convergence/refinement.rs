@@ -57,7 +57,7 @@ pub fn write_meshes(document: &mut Document, sample: &Sample, settings: Settings
     for (mesh, means) in &flown {
         let share = work(on(*mesh, settings)) / work(settings);
         let what = format!("{} ({})", named(*mesh), significant(share, 2));
-        row(&mut table, &what, &difference(means, &finest), &finest);
+        row(&mut table, &what, &difference(means, &finest), means);
     }
     document.table(&table);
     document.paragraph(

@@ -42,8 +42,8 @@ fn line(number: u64) -> io::Result<Vec<Point>> {
     Err(io::Error::other("no line of feasible strokes found"))
 }
 
-/// Distance of each value with full neighbourhood from the quadratic through its
-/// neighbours (least squares, Savitzky & Golay 1964).
+/// Distance of each value whose neighbours are all numbers from the quadratic through them (least
+/// squares, Savitzky & Golay 1964).
 fn residuals(values: &[f64]) -> Vec<f64> {
     let half = (NEIGHBOURS / 2) as i64;
     let n = NEIGHBOURS as f64;
@@ -51,6 +51,7 @@ fn residuals(values: &[f64]) -> Vec<f64> {
     let fourth: f64 = (-half..=half).map(|i| (i * i * i * i) as f64).sum();
     values
         .windows(NEIGHBOURS)
+        .filter(|window| window.iter().all(|v| v.is_finite()))
         .map(|window| {
             let sum: f64 = window.iter().sum();
             let curved: f64 = window.iter().zip(-half..=half).map(|(v, i)| v * (i * i) as f64).sum();
@@ -80,7 +81,8 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
     let mut table = Table::new(["line", "L+ from", "to", "L+", "D+", "M+", "P+"]);
     let (mut all, mut series) = (vec![Vec::new(); 4], Vec::new());
     for (number, means) in flown.chunks(POINTS).enumerate() {
-        let values = |k: usize| means.iter().flatten().map(|m| m.scaled[k].mean).collect::<Vec<_>>();
+        let mean = |means: &Option<Means>, k: usize| means.as_ref().map_or(f64::NAN, |m| m.scaled[k].mean);
+        let values = |k: usize| means.iter().map(|m| mean(m, k)).collect::<Vec<_>>();
         let lift = values(0);
         let (low, high) =
             (lift.iter().copied().fold(f64::MAX, f64::min), lift.iter().copied().fold(f64::MIN, f64::max));
@@ -91,7 +93,8 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
             all.extend(residuals);
         }
         table.row(cells);
-        let points = lift.iter().enumerate().map(|(i, l)| (i as f64 / (POINTS - 1) as f64, *l)).collect::<Vec<_>>();
+        let points = lift.iter().enumerate().map(|(i, l)| (i as f64 / (POINTS - 1) as f64, *l));
+        let points = points.filter(|p| p.1.is_finite()).collect::<Vec<_>>();
         series.push(Series::new(format!("line {}", number + 1), Mark::Line, points));
     }
     let mut cells = vec!["all".to_owned(), String::new(), String::new()];
@@ -114,6 +117,10 @@ mod tests {
         let left = residuals(&values);
         assert_eq!(left.len(), POINTS - NEIGHBOURS + 1);
         assert!(rms(&left) < 1e-12, "{}", rms(&left));
+        let mut gap = values;
+        gap[20] = f64::NAN;
+        assert_eq!(residuals(&gap).len(), left.len() - NEIGHBOURS);
+        assert!(rms(&residuals(&gap)) < 1e-12);
         let step: Vec<f64> = (0..POINTS).map(|i| f64::from(i > 20)).collect();
         assert!(rms(&residuals(&step)) > 0.1);
     }

@@ -2,12 +2,15 @@
 
 use manduca_numerics::uvlm::Settings;
 
-use super::sample::{Flown, Sample};
+use super::sample::{Flown, Sample, difference};
 use super::strokes;
+use super::trials::{header, row};
 use crate::markdown::{Document, Table, fixed, significant};
 
 /// Spreadings at which the strokes it moves most are flown besides, in shares of the default.
 const SHARES: [f64; 4] = [1.25, 0.875, 0.75, 0.625];
+/// Spreadings which could be the default instead, chords in a stroke.
+const OTHERS: [f64; 3] = [0.8, 1.0, 1.4];
 
 /// The stroke whose mean `k` of L+, D+, M+, P+ changes most.
 fn most_moved(a: &Flown, b: &Flown, k: usize) -> Option<usize> {
@@ -21,14 +24,41 @@ fn long(settings: Settings) -> Settings {
     Settings { standard_error: 0.002, strokes_most: 64, ..settings }
 }
 
-/// Writes what half of the spreading does to each stroke, and how the strokes it moves most depend on it.
+/// Writes what half of other spreadings does, and what a longer wake does with them: whether another default would be
+/// less of a choice.
+fn write_others(document: &mut Document, sample: &Sample, settings: Settings) {
+    document
+        .paragraph("With another spreading as the default, its half and a wake remembered twice as long would move:");
+    let mut table = header("default, change");
+    for spreading in OTHERS {
+        let settings = Settings { wake_spreading: spreading, ..settings };
+        let reference = sample.fly(settings);
+        let changes = [
+            ("halved", Settings { wake_spreading: 0.5 * spreading, ..settings }),
+            ("wake twice as long", Settings { wake_strokes: 2.0 * settings.wake_strokes, ..settings }),
+        ];
+        for (what, settings) in changes {
+            let flown = sample.fly(settings);
+            row(
+                &mut table,
+                &format!("{} c, {what}", significant(spreading, 3)),
+                &difference(&reference, &flown),
+                &flown,
+            );
+        }
+    }
+    document.table(&table);
+}
+
+/// Writes what half of the spreading does to each stroke, how the strokes it moves most depend on it, and whether
+/// another spreading would be less of a choice.
 pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
     let settings = long(settings);
     let at = |share: f64| Settings { wake_spreading: share * settings.wake_spreading, ..settings };
     let (reference, halved) = (sample.fly(settings), sample.fly(at(0.5)));
     document.heading("Spreading halved, stroke by stroke");
     document.paragraph(
-        "As above, but both flown until the standard errors are below 0.2 % (64 strokes at most): a wake which spreads less \
+        "The row *spreading halved* of Cores again, but both flown until the standard errors are below 0.2 % (64 strokes at most): a wake which spreads less \
          is less calm, and errors of the means then count as changes.",
     );
     strokes::write(document, sample, &reference, &halved);
@@ -49,6 +79,7 @@ pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
         }
     }
     document.table(&table);
+    write_others(document, sample, settings);
 }
 
 #[cfg(test)]
@@ -64,7 +95,12 @@ mod tests {
         write(&mut document, &sample, coarse);
         let (a, b) = (sample.fly(coarse), sample.fly(Settings { wake_spreading: 0.6, ..coarse }));
         let name = &sample.strokes[most_moved(&a, &b, 0).unwrap()].0;
-        for part in [format!("| {name}, 0.600 c |"), format!("| {name}, 1.50 c |"), "| random 0 | ".into()] {
+        for part in [
+            format!("| {name}, 0.600 c |"),
+            format!("| {name}, 1.50 c |"),
+            "| random 0 | ".into(),
+            "| 1.00 c, halved | 6 |".into(),
+        ] {
             assert!(document.text().contains(&part), "{part} in {}", document.text());
         }
     }

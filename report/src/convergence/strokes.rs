@@ -9,7 +9,7 @@ use crate::markdown::{Document, Table, fixed, signed};
 /// Writes the differences over all strokes, the published and the random ones, then each stroke's.
 pub fn write(document: &mut Document, sample: &Sample, reference: &Flown, flown: &Flown) {
     let published = CASES.len().min(reference.len());
-    let mut table = header("strokes");
+    let mut table = header("which");
     let parts = [("all", 0..reference.len()), ("published", 0..published), ("random", published..reference.len())];
     for (what, range) in parts {
         let (a, b) = (reference[range.clone()].to_vec(), flown[range].to_vec());

@@ -126,7 +126,7 @@ fn tabulate(document: &mut Document, trials: &[Trial], sample: &Sample, referenc
     document.table(&table);
 }
 
-/// Largest change of any mean over its standard error, and the median of these.
+/// Median and largest of the changes of any mean over its standard error.
 fn against_errors(a: &Flown, b: &Flown) -> [f64; 2] {
     let pairs = a.iter().zip(b).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
     let shares: Vec<f64> =
