@@ -95,14 +95,14 @@ impl Row {
 
     /// Error over tolerance: more than one fails. Not a number counts as infinite.
     pub fn excess(&self) -> f64 {
-        let limit = match self.expected {
-            Expected::Within { share, .. } => share,
-            Expected::Near { distance, .. } => distance,
-            Expected::Between { low, high } => high - low,
-            Expected::Below(limit) => limit,
+        // An error begins where a range ends: no error there, and the whole tolerance used.
+        let (used, limit) = match self.expected {
+            Expected::Within { share, .. } => (0.0, share),
+            Expected::Near { distance, .. } => (0.0, distance),
+            Expected::Between { low, high } => (1.0, high - low),
+            Expected::Below(limit) => (0.0, limit),
         };
-        let inside = matches!(self.expected, Expected::Between { .. });
-        let excess = self.error().abs() / limit + f64::from(u8::from(inside));
+        let excess = used + self.error().abs() / limit;
         if excess.is_nan() { f64::INFINITY } else { excess }
     }
 

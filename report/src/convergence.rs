@@ -141,8 +141,8 @@ const REMARKS: [&str; 17] = [
     "**How fast old wake spreads is physics, and a choice.** With the errors of the means out of the way half of it \
      still moves the 25 strokes by 2.2, 2.0, 1.9 and 1.9 hundredths. Nearly half of the sum of squares in L+ is random \
      8 (1.7 without it), which beats by 31° to either side and stays in what it shed; half of that in D+ is \
-     random 18 and 10. They follow it smoothly, in L+ from 0.50 at 1.5 c to 0.62 at 0.6 c: no leap between two answers \
-     which a better lattice would settle, but the age at which vortices of a turbulent wake have decayed, which a \
+     random 18 and 10. Random 8 follows it smoothly, from 0.50 at 1.5 c to 0.62 at 0.6 c, random 18 down to 0.75 c: no \
+     leap between two answers which a better lattice would settle, but the age at which vortices of a turbulent wake have decayed, which a \
      lattice has to be told. Nor would another default be less of a choice: half of 0.8, 1.0 and 1.4 c moves L+ by 3.0, 2.6 \
      and 2.8. Less of it is less calm besides: after the usual number of strokes the median standard \
      error of L+ is 0.33 hundredths instead of 0.13.",
@@ -188,8 +188,8 @@ const REMARKS: [&str; 17] = [
     "**A lattice which is exact where theory is does not fly better.** Panels and strips at equal angles of a \
      semicircle over chord and span (Lan 1974, J. Aircraft 11, 518) bring the steady lift slope within 0.3 % of its \
      limit with ten strips, where equal panels (8 x 10) were 2 % above it, and make the added mass of a two-dimensional \
-     plate exact, where that of finite plates is 9 to 12 % too high on the default lattice. With it, and dΓ/dt from a cubic through \
-     the impulse of the steps about each instant, 6 x 10 panels and 64 steps against 12 x 20 and 96 moved the 25 \
+     plate exact, where that of finite plates is 9 to 12 % too high on the default lattice. With it, and dΓ/dt from a \
+     cubic through the impulse of the steps about each instant, 6 x 10 panels and 64 steps against 12 x 20 and 96 moved the 25 \
      strokes by 2.7, 2.6, 2.2 and 7.7 hundredths (panels alone 0.7, 0.3, 0.3 and 0.4; strips alone 1.0, 0.9, 0.5 \
      and 1.7; 96 steps alone 1.8, 1.4, 1.1 and 4.0). What is left is the time step's, which the errors of equal \
      panels hide by half.",

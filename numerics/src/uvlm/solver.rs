@@ -232,8 +232,7 @@ impl Solver {
         if let Some(tail) = &mut self.tail {
             tail.watch(&self.vorticity, now, self.kept);
         }
-        let last = self.vorticity.rows() - 1;
-        if last > self.vorticity.edge_row() && now - self.vorticity.born(last) >= self.kept {
+        if self.vorticity.outlives(now, self.kept) {
             self.vorticity.forget();
         }
     }

@@ -59,8 +59,7 @@ impl Tail {
                 self.marks.push_back((wake.born(row), middle(wake, row)));
             }
         }
-        let last = wake.rows() - 1;
-        if last > wake.edge_row() && now - wake.born(last) >= kept {
+        if wake.outlives(now, kept) {
             self.lose(wake, now, kept - marked);
         }
         while self.lost.front().is_some_and(|l| now - l.step >= self.period) {
@@ -165,8 +164,7 @@ mod tests {
         for step in 0..steps {
             if let Some(now) = step.checked_sub(1) {
                 tail.watch(&wake, now, kept);
-                let last = wake.rows() - 1;
-                if last > wake.edge_row() && now - wake.born(last) >= kept {
+                if wake.outlives(now, kept) {
                     wake.forget();
                 }
                 for i in wake.convected() {

@@ -136,6 +136,12 @@ impl Vorticity {
         self.rows += 1;
     }
 
+    /// Whether the oldest row of wake is `kept` steps old at the end of step `now`, and is to be forgotten.
+    pub fn outlives(&self, now: usize, kept: usize) -> bool {
+        let last = self.rows - 1;
+        last > self.edge_row() && now - self.born[last] >= kept
+    }
+
     /// Forgets the oldest row of rings.
     pub fn forget(&mut self) {
         self.rows -= 1;

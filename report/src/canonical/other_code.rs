@@ -23,8 +23,8 @@ pub fn second_half_lift(settings: &Settings, strips: usize, cosine: f64) -> f64 
     let steps = settings.steps_per_stroke;
     let dt = stroke.period() / steps as f64;
     let planform = Planform::straight(0.0, LENGTH, CHORD, 0.0, strips, cosine);
-    let speed = |r: f64| r * 4.0 * AMPLITUDE_DEG.to_radians() * stroke.frequency;
-    let speeds: Vec<f64> = planform.span.iter().map(|r| speed(*r)).collect();
+    let speeds: Vec<f64> =
+        planform.span.iter().map(|r| r * 4.0 * AMPLITUDE_DEG.to_radians() * stroke.frequency).collect();
     let mut solver = solver_of(&planform, settings, CHORD, stroke.period(), &speeds, Air::still(1.225));
     let (mut lift, mut count) = (0.0, 0);
     for step in 0..steps {

@@ -30,16 +30,18 @@ pub fn write(document: &mut Document, count: u64, settings: Settings) -> io::Res
     let longer: Vec<_> = flown.iter().map(|means| longer(settings, means.as_ref())).collect();
     let long = fly(&longer);
     let pairs: Vec<_> = flown.iter().zip(&long).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
+    let strokes =
+        |flown: &[Option<Means>], q: f64| fixed(quantile(flown.iter().flatten().map(|m| m.strokes.len() as f64), q), 0);
     document.heading("Standard errors");
     document.paragraph(&format!(
         "{count} random strokes (seed {OTHER_SEED}), {} of which have means; strokes flown, median {}, most {}. The last \
          column is the share whose mean lies within two standard errors of that of the same flight gone on until {LONGER} \
          times as many strokes were kept, the first among them (median {}, most {} flown).",
         pairs.len(),
-        fixed(quantile(flown.iter().flatten().map(|m| m.strokes.len() as f64), 0.5), 0),
-        fixed(quantile(flown.iter().flatten().map(|m| m.strokes.len() as f64), 1.0), 0),
-        fixed(quantile(long.iter().flatten().map(|m| m.strokes.len() as f64), 0.5), 0),
-        fixed(quantile(long.iter().flatten().map(|m| m.strokes.len() as f64), 1.0), 0),
+        strokes(&flown, 0.5),
+        strokes(&flown, 1.0),
+        strokes(&long, 0.5),
+        strokes(&long, 1.0),
     ));
     let mut table = Table::new(["output", "median se", "90 % below", "largest", "within two se of the long run"]);
     for (k, output) in OUTPUTS.iter().enumerate() {

@@ -58,8 +58,8 @@ pub fn write(document: &mut Document, sample: &Sample, settings: Settings) {
     let (reference, halved) = (sample.fly(settings), sample.fly(at(0.5)));
     document.heading("Spreading halved, stroke by stroke");
     document.paragraph(
-        "The row *spreading halved* of Cores again, but both flown until the standard errors are below 0.2 % (64 strokes at most): a wake which spreads less \
-         is less calm, and errors of the means then count as changes.",
+        "The row *spreading halved* of Cores again, but both flown until the standard errors are below 0.2 % (64 strokes \
+         at most): a wake which spreads less is less calm, and errors of the means then count as changes.",
     );
     strokes::write(document, sample, &reference, &halved);
     document.paragraph("The strokes whose L+ and D+ it moves most, at other spreadings:");
