@@ -6,6 +6,8 @@ COPY . .
 RUN cargo build --release --locked -p manduca-cli
 
 FROM debian:bookworm-slim
+# Certificates that clients and workers check an https:// coordinator against.
+RUN apt-get update && apt-get install -y --no-install-recommends ca-certificates && rm -rf /var/lib/apt/lists/*
 RUN useradd --system --create-home --home-dir /var/lib/manduca manduca
 COPY --from=build /src/target/release/manduca /usr/local/bin/manduca
 USER manduca
