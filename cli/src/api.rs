@@ -6,10 +6,9 @@ use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::network;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::task::SurrogateMessage;
-use manduca_protocol::view::{
-    JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView, WorkerView,
-};
+use manduca_protocol::view::{JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView};
 use manduca_protocol::watch::Explanation;
+use manduca_protocol::who::WorkerView;
 use manduca_worker::http::{self, CallError, Http};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -180,6 +179,7 @@ mod tests {
             created_at: String::new(),
             samples: 1,
             samples_succeeded: 0,
+            submitted_by: None,
         }
     }
 

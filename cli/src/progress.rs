@@ -160,6 +160,8 @@ mod tests {
             paused_from: None,
             failure: None,
             created_at: String::new(),
+            submitted_by: None,
+            steered_by: None,
             spec,
             solver_version: String::new(),
             samples: JobCounts { succeeded: 120, infeasible: 4, leased: 2, ..JobCounts::default() },

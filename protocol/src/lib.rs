@@ -19,4 +19,5 @@ pub mod task;
 pub mod training;
 pub mod view;
 pub mod watch;
+pub mod who;
 pub mod worker;

@@ -10,6 +10,7 @@ use crate::search::Standing;
 use crate::study::{StudySpec, SurrogateKind};
 use crate::task::{EpochMessage, ErrorsMessage, JobKind, Optimality, Progress, Provenance, Scaled, SimulateResult};
 use crate::task::{OptimiseResult, ScaledEstimates};
+use crate::who::ComputedBy;
 
 /// State of a study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -100,6 +101,9 @@ pub struct StudySummary {
     pub samples: u32,
     /// Samples which have their result.
     pub samples_succeeded: u64,
+    /// The name of the token that submitted it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub submitted_by: Option<String>,
 }
 
 /// Wall time of the stages so far, s, pauses included.
@@ -126,6 +130,12 @@ pub struct StudyView {
     pub failure: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
+    /// The name of the token that submitted it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub submitted_by: Option<String>,
+    /// The name of the token that last paused, resumed, cancelled or retried it, or added an optimisation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steered_by: Option<String>,
     /// The study as submitted.
     pub spec: StudySpec,
     /// Version of the numbers it was begun with.
@@ -319,6 +329,15 @@ pub struct JobView {
     pub attempt: u32,
     /// Worker which has it.
     pub worker: Option<WorkerId>,
+    /// The name of this worker.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worker_name: Option<String>,
+    /// The name of the token that registered this worker.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub token: Option<String>,
+    /// Who computed its result.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub computed_by: Option<ComputedBy>,
     /// The last failure, or why it is infeasible.
     pub reason: Option<String>,
     /// Whether its result is that of an equal earlier simulation.
@@ -370,38 +389,12 @@ pub struct DatasetRow {
     /// What the simulation says.
     #[serde(flatten)]
     pub result: SimulateResult,
-}
-
-/// A worker. `GET /v1/workers`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct WorkerView {
-    /// Id.
-    pub id: WorkerId,
-    /// Name.
-    pub name: String,
-    /// Slots.
-    pub slots: u32,
-    /// Instruction level.
-    pub level: String,
-    /// Jobs it has now.
-    pub leased: u64,
-    /// Jobs it has finished.
-    pub completed: u64,
-    /// Attempts it has failed.
-    pub failed: u64,
-    /// Seconds since it was last heard of.
-    pub last_seen_s: f64,
-    /// Whether it still counts as alive.
-    pub alive: bool,
-    /// Attempts failed in a row.
-    #[serde(default)]
-    pub strikes: u32,
-    /// Whether it is given no jobs for a while, because too many attempts in a row failed.
-    #[serde(default)]
-    pub quarantined: bool,
-    /// Whether it was asked to finish what it has and leave.
-    #[serde(default)]
-    pub draining: bool,
+    /// Who computed it, with `provenance=true`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub computed_by: Option<ComputedBy>,
+    /// How it was computed, with `provenance=true`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
 }
 
 /// Whether a study would be accepted and what it would cost. `POST /v1/studies?dry_run=true`

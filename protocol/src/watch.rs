@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use crate::ids::{JobId, StudyId, WorkerId};
 use crate::view::{JobRole, JobState};
+use crate::who::ComputedBy;
 
 /// How much there is to do, and for how many. `GET /v1/scaling`
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -32,6 +33,9 @@ pub struct LeaseView {
     pub worker: WorkerId,
     /// Its name.
     pub name: String,
+    /// The name of the token that registered it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub token: Option<String>,
     /// For how long it has had the job, s.
     pub running_s: Option<f64>,
     /// For how long it may, s.
@@ -59,6 +63,9 @@ pub struct Explanation {
     pub waits_s: Option<f64>,
     /// Who has it.
     pub lease: Option<LeaseView>,
+    /// Who computed its result.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub computed_by: Option<ComputedBy>,
     /// Attempts which failed.
     pub failures: u32,
     /// Workers which were lost with it.
@@ -79,6 +86,12 @@ pub struct EvidenceView {
     pub attempt: u32,
     /// Who returned it.
     pub worker: WorkerId,
+    /// The name of this worker, while it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worker_name: Option<String>,
+    /// The name of the token that registered this worker.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub token: Option<String>,
     /// `refused` or `nondeterminism`.
     pub class: String,
     /// Why.

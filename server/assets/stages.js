@@ -66,7 +66,7 @@ export function stagesPanel(id, look) {
       // Buttons are made anew only for another state: a press must not fall between two of them.
       if (steered !== study.state) {
         steered = study.state;
-        head.replaceChildren(h("h1", {}, study.spec.name), badge(study.state), h("span", { class: "grow soft small" }, `submitted ${when(study.created_at)}`),
+        head.replaceChildren(h("h1", {}, study.spec.name), badge(study.state), h("span", { class: "grow soft small" }, `submitted ${when(study.created_at)}${study.submitted_by ? ` by ${study.submitted_by}` : ""}`),
           steering(id, study.state, look));
       }
       const [done, all] = far(study);

@@ -68,11 +68,13 @@ export function listPage() {
         filter.value ? null : h("a", { href: "#/new" }, "Submit the first")));
       return;
     }
+    const by = studies.some((s) => s.submitted_by);
     const columns = [
       ["Study", (s) => h("a", { href: `#/studies/${s.id}` }, s.name)],
       ["State", (s) => badge(s.state)],
       ["Samples", progress],
       ["Submitted", (s) => h("time", { datetime: s.created_at }, when(s.created_at))],
+      ...(by ? [["By", (s) => s.submitted_by ?? ""]] : []),
       ["Steer", (s) => (s.state === "succeeded" || s.state === "cancelled" ? "" : steering(s.id, s.state, load))],
     ];
     list.replaceChildren(table("Newest first", columns, studies, true),

@@ -52,6 +52,7 @@ export function workersPanel() {
     fill(body, h("p", { class: "soft" }, `${alive.length} alive with ${slots} slots`),
       table(null, [
         ["Worker", (w) => w.name],
+        ...(workers.some((w) => w.token) ? [["Token", (w) => w.token ?? ""]] : []),
         ["State", (w) => badge(state(w))],
         ["Slots", (w) => w.slots, true],
         ["Jobs in hand", (w) => whole(w.leased), true],

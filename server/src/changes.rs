@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     fn submitted(study: StudyId) -> Event {
-        Event::Submitted { study, samples: 20, cached: 0 }
+        Event::Submitted { study, samples: 20, cached: 0, by: None }
     }
 
     #[tokio::test]

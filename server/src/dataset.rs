@@ -1,13 +1,14 @@
-//! The dataset in each of its formats. Rows hold numbers only, never where or when
-//! they were computed: the same study flown elsewhere gives the same bytes of text.
+//! The dataset in each of its formats. Unless asked for, rows hold numbers only, never where or
+//! when they were computed: the same study flown elsewhere gives the same bytes of text.
 
 mod table;
 
 use manduca_numerics::parameters::{OUTPUTS, TABLE};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
-use manduca_protocol::task::{Estimate, SimulateOutcome};
+use manduca_protocol::task::{Estimate, Provenance, SimulateOutcome};
 use manduca_protocol::view::DatasetRow;
+use manduca_protocol::who::ComputedBy;
 
 use table::TableWriter;
 
@@ -65,11 +66,11 @@ impl Format {
     }
 
     /// What comes before the first row of a text.
-    fn head(self) -> String {
+    fn head(self, provenance: bool) -> String {
         match self {
             Self::Json => "[".into(),
             Self::NdJson | Self::Parquet => String::new(),
-            Self::Csv => csv_header(),
+            Self::Csv => csv_header(provenance),
         }
     }
 
@@ -112,8 +113,14 @@ pub(crate) enum WriteError {
 
 /// A dataset being written: a head, rows in any number of parts, an end.
 pub(crate) enum Writer {
-    /// As text, and whether the next row is the first.
-    Text(Format, bool),
+    /// As text.
+    Text {
+        format: Format,
+        /// Whether rows tell their origin.
+        provenance: bool,
+        /// Whether the next row is the first.
+        first: bool,
+    },
     /// As a table.
     Table(Box<TableWriter>),
 }
@@ -125,20 +132,21 @@ impl Writer {
     /// When the head of a table cannot be written.
     pub(crate) fn new(
         format: Format,
+        provenance: bool,
         study: StudyId,
         spec: &StudySpec,
         solver_version: &str,
     ) -> Result<Self, WriteError> {
         Ok(match format {
-            Format::Parquet => Self::Table(Box::new(TableWriter::new(study, spec, solver_version)?)),
-            text => Self::Text(text, true),
+            Format::Parquet => Self::Table(Box::new(TableWriter::new(provenance, study, spec, solver_version)?)),
+            format => Self::Text { format, provenance, first: true },
         })
     }
 
     /// What comes before the first row.
     pub(crate) fn head(&self) -> Vec<u8> {
         match self {
-            Self::Text(format, _) => format.head().into_bytes(),
+            Self::Text { format, provenance, .. } => format.head(*provenance).into_bytes(),
             Self::Table(_) => Vec::new(),
         }
     }
@@ -149,7 +157,7 @@ impl Writer {
     /// When they cannot be written.
     pub(crate) fn rows(&mut self, rows: &[DatasetRow]) -> Result<Vec<u8>, WriteError> {
         match self {
-            Self::Text(format, first) => {
+            Self::Text { format, first, .. } => {
                 let mut text = String::new();
                 for row in rows {
                     format.append(row, *first, &mut text)?;
@@ -167,23 +175,41 @@ impl Writer {
     /// When the end of a table cannot be written.
     pub(crate) fn end(self) -> Result<Vec<u8>, WriteError> {
         match self {
-            Self::Text(format, _) => Ok(format.tail().into()),
+            Self::Text { format, .. } => Ok(format.tail().into()),
             Self::Table(table) => table.end(),
         }
     }
 }
 
-fn csv_header() -> String {
+/// Columns which tell the origin of a row.
+const ORIGIN: [&str; 6] = ["computed_job", "worker", "worker_name", "token", "level", "wall_s"];
+
+fn csv_header(provenance: bool) -> String {
     let mut columns = vec!["sample".to_owned(), "outcome".to_owned()];
     columns.extend(TABLE.iter().map(|p| p.name.to_owned()));
     for name in OUTPUTS.iter().map(|o| o.1).chain(OUTPUTS.iter().map(|o| o.0)) {
         columns.extend([name.to_owned(), format!("{name}_se")]);
     }
     columns.extend(["reason".to_owned(), "solver_version".to_owned()]);
+    columns.extend(ORIGIN.iter().filter(|_| provenance).map(|&name| name.to_owned()));
     columns.join(",") + "\r\n"
 }
 
 fn csv_row(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error> {
+    csv_numbers(row, text)?;
+    if let Some(provenance) = &row.provenance {
+        // Before the end of the line.
+        text.truncate(text.len() - LINE_END.len());
+        csv_origin(row.computed_by.as_ref(), provenance, text)?;
+        text.push_str(LINE_END);
+    }
+    Ok(())
+}
+
+const LINE_END: &str = "\r\n";
+
+/// A row without its origin, with the end of its line.
+fn csv_numbers(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error> {
     text.push_str(&row.sample.to_string());
     let (outcome, reason) = match &row.result.outcome {
         SimulateOutcome::Ok { .. } => ("ok", ""),
@@ -207,8 +233,23 @@ fn csv_row(row: &DatasetRow, text: &mut String) -> Result<(), serde_json::Error>
         text.push(',');
         push_quoted(field, text);
     }
-    text.push_str("\r\n");
+    text.push_str(LINE_END);
     Ok(())
+}
+
+fn csv_origin(by: Option<&ComputedBy>, provenance: &Provenance, text: &mut String) -> Result<(), serde_json::Error> {
+    let fields = [
+        by.map(|by| by.job.to_string()),
+        by.map(|by| by.worker.to_string()),
+        by.map(|by| by.worker_name.clone()),
+        by.and_then(|by| by.token.clone()),
+        Some(provenance.level.clone()),
+    ];
+    for field in fields {
+        text.push(',');
+        push_quoted(&field.unwrap_or_default(), text);
+    }
+    number(provenance.wall_s, text)
 }
 
 /// The means of a row in the order of their columns: in SI units, then scaled.
@@ -245,10 +286,15 @@ mod tests {
     fn every_row_has_the_columns_of_the_header() {
         let outcome = SimulateOutcome::Infeasible { reason: "no \"lift\", none".into() };
         let result = SimulateResult { outcome, solver_version: "1".into() };
-        let row = DatasetRow { sample: 7, parameters: ParameterValues([0.1; 10]), result };
+        let parameters = ParameterValues([0.1; 10]);
+        let mut row = DatasetRow { sample: 7, parameters, result, computed_by: None, provenance: None };
         let mut text = String::new();
         Format::Csv.append(&row, true, &mut text).expect("a row");
-        let header = Format::Csv.head();
+        row.provenance = Some(Provenance { wall_s: 0.5, level: "avx2".into() });
+        let mut longer = String::new();
+        Format::Csv.append(&row, true, &mut longer).expect("a row");
+        assert_eq!(Format::Csv.head(true).matches(',').count(), longer.matches(',').count() - 1, "{longer}");
+        let header = Format::Csv.head(false);
         assert_eq!(header.matches(',').count(), text.matches(',').count() - 1, "{text}");
         assert!(text.starts_with("7,infeasible,0.1,") && text.ends_with(",\"no \"\"lift\"\", none\",1\r\n"), "{text}");
     }

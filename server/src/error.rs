@@ -38,6 +38,9 @@ pub enum ApiError {
     /// The token does not allow this.
     #[error("the token does not allow this; it needs the scope `{0}`")]
     Forbidden(Scope),
+    /// The worker, or the one that holds the job, was registered with another token.
+    #[error("{0}")]
+    AnotherToken(String),
     /// A page of another site asked through a visitor's browser.
     #[error("pages of other sites may not act here")]
     AnotherSite,
@@ -141,6 +144,7 @@ impl ApiError {
             Self::IdempotencyKeyReused => (S::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "Idempotency-Key reused"),
             Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
             Self::Forbidden(_) => (S::FORBIDDEN, "forbidden", "Not allowed"),
+            Self::AnotherToken(_) => (S::FORBIDDEN, "another-token", "Another token's worker"),
             Self::AnotherSite => (S::FORBIDDEN, "another-site", "From another site"),
             Self::UnsupportedMediaType => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type")
@@ -217,6 +221,10 @@ pub(crate) fn chain(error: &(dyn std::error::Error + 'static)) -> String {
     text
 }
 
+/// Marks the answer to a request about the worker of another token, for whoever counts such requests.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OfAnotherToken;
+
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         self.log();
@@ -226,6 +234,9 @@ impl IntoResponse for ApiError {
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some((name, value)) = self.hint() {
             headers.insert(name, value);
+        }
+        if matches!(self, Self::AnotherToken(_)) {
+            response.extensions_mut().insert(OfAnotherToken);
         }
         response
     }
@@ -256,6 +267,7 @@ impl From<StoreError> for ApiError {
             StoreError::UnknownWorker(id) => Self::UnknownWorker(id.to_string()),
             StoreError::UnknownJob(id) => Self::UnknownJob(id.to_string()),
             StoreError::WrongState(why) => Self::WrongState(why),
+            StoreError::AnotherToken(why) => Self::AnotherToken(why),
             StoreError::IdempotencyKeyReused => Self::IdempotencyKeyReused,
             StoreError::Corrupt(_) | StoreError::Panicked => Self::Internal(Box::new(error)),
             StoreError::Sql(_) | StoreError::Commit(_) | StoreError::Closed => Self::Unavailable(Box::new(error)),

@@ -10,6 +10,14 @@ pub(crate) enum Event {
         study: StudyId,
         samples: u32,
         cached: u64,
+        by: Option<String>,
+    },
+    /// A user steered a study.
+    Steered {
+        study: StudyId,
+        /// What was asked, such as `pause`.
+        action: &'static str,
+        by: Option<String>,
     },
     Drawn {
         study: StudyId,
@@ -63,10 +71,12 @@ pub(crate) enum Event {
         name: String,
         slots: u32,
         level: String,
+        by: Option<String>,
     },
     Left {
         worker: WorkerId,
         jobs: u64,
+        by: Option<String>,
     },
     Quarantined {
         worker: WorkerId,
@@ -76,6 +86,7 @@ pub(crate) enum Event {
     },
     Draining {
         worker: WorkerId,
+        by: Option<String>,
     },
     Audited {
         study: StudyId,
@@ -100,6 +111,7 @@ impl Event {
     pub(crate) fn name(&self) -> Option<&'static str> {
         Some(match self {
             Self::Submitted { .. } => "study_submitted",
+            Self::Steered { .. } => "study_steered",
             Self::Drawn { .. } => "samples_drawn",
             Self::Leased { .. } => "leased",
             Self::Completed { .. } => "completed",
@@ -126,6 +138,7 @@ impl Event {
     pub(crate) fn study(&self) -> Option<StudyId> {
         match self {
             Self::Submitted { study, .. }
+            | Self::Steered { study, .. }
             | Self::Drawn { study, .. }
             | Self::Completed { study, .. }
             | Self::Shared { study, .. }
@@ -162,8 +175,11 @@ impl Event {
     /// The log line of this decision, if it has one.
     pub(crate) fn log(&self) {
         match self {
-            Self::Submitted { study, samples, cached } => {
-                tracing::info!(study.id = %study, study.samples = samples, study.cached = cached, "Study submitted");
+            Self::Submitted { study, samples, cached, by } => {
+                tracing::info!(study.id = %study, study.samples = samples, study.cached = cached, by = by.as_deref(), "Study submitted");
+            }
+            Self::Steered { study, action, by } => {
+                tracing::info!(study.id = %study, study.action = action, by = by.as_deref(), "Study steered");
             }
             Self::Drawn { study, jobs } => {
                 tracing::info!(study.id = %study, jobs.count = jobs, "Further samples drawn for those without a result");
@@ -192,17 +208,17 @@ impl Event {
             Self::Moved { study, state, reason } => {
                 tracing::info!(study.id = %study, study.state = ?state, study.reason = reason.as_deref(), "Study changed its state");
             }
-            Self::Registered { worker, name, slots, level } => {
-                tracing::info!(worker.id = %worker, worker.name = name, worker.slots = slots, worker.level = level, "Worker registered");
+            Self::Registered { worker, name, slots, level, by } => {
+                tracing::info!(worker.id = %worker, worker.name = name, worker.slots = slots, worker.level = level, by = by.as_deref(), "Worker registered");
             }
-            Self::Left { worker, jobs } => {
-                tracing::info!(worker.id = %worker, jobs.count = jobs, "Worker left; its jobs are ready again");
+            Self::Left { worker, jobs, by } => {
+                tracing::info!(worker.id = %worker, jobs.count = jobs, by = by.as_deref(), "Worker left; its jobs are ready again");
             }
             Self::Quarantined { worker, name, strikes, seconds } => {
                 tracing::warn!(worker.id = %worker, worker.name = name, worker.strikes = strikes, worker.quarantine_s = seconds, "Worker set aside: too many attempts failed in a row");
             }
-            Self::Draining { worker } => {
-                tracing::info!(worker.id = %worker, "Worker asked to finish what it has and leave");
+            Self::Draining { worker, by } => {
+                tracing::info!(worker.id = %worker, by = by.as_deref(), "Worker asked to finish what it has and leave");
             }
             Self::Audited { study, job, worker, agrees: true } => {
                 tracing::info!(study.id = %study, job.id = %job, worker.id = %worker, "Audit agrees");

@@ -40,6 +40,12 @@ struct Status {
     status: u16,
 }
 
+/// Why a request was turned away before it was looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct Reason {
+    reason: &'static str,
+}
+
 /// Counts since the coordinator was started.
 pub(crate) struct Metrics {
     registry: Registry,
@@ -48,6 +54,7 @@ pub(crate) struct Metrics {
     completions: Family<Completion, Counter>,
     wall: Family<Role, Histogram>,
     answers: Family<Status, Counter>,
+    turned_away: Family<Reason, Counter>,
     exchange: Histogram,
     commit: Histogram,
     operations: Histogram,
@@ -69,6 +76,7 @@ impl Default for Metrics {
             completions: Family::default(),
             wall: Family::new_with_constructor(|| Histogram::new(exponential_buckets(0.01, 3.0, 13))),
             answers: Family::default(),
+            turned_away: Family::default(),
             exchange: seconds(),
             commit: seconds(),
             operations: Histogram::new(exponential_buckets(1.0, 2.0, 10)),
@@ -89,6 +97,7 @@ impl Metrics {
         r.register("job_wall_seconds", "Time jobs computed, by role", self.wall.clone());
         r.register("job_wall_seconds_sum", "Time all jobs computed", self.seconds_computed.clone());
         r.register("http_answers", "Answers, by status", self.answers.clone());
+        r.register("requests_turned_away", "Requests refused for their token", self.turned_away.clone());
         r.register("exchange_seconds", "From an exchange's arrival to its commit", self.exchange.clone());
         r.register("commit_seconds", "Time of one commit with all it contains", self.commit.clone());
         r.register("commit_operations", "Operations committed together", self.operations.clone());
@@ -116,6 +125,11 @@ impl Metrics {
     /// Counts an answer.
     pub(crate) fn answered(&self, status: u16) {
         self.answers.get_or_create(&Status { status }).inc();
+    }
+
+    /// Counts a request refused for its token.
+    pub(crate) fn turned_away(&self, reason: &'static str) {
+        self.turned_away.get_or_create(&Reason { reason }).inc();
     }
 
     /// Notes how long an exchange waited for its commit.

@@ -61,6 +61,9 @@ impl Offline {
         if !fits || scopes == Scopes::default() {
             return Err(OfflineError::Refused("a token has a name of 1 to 100 characters and a scope".into()));
         }
+        if name.starts_with('(') {
+            return Err(OfflineError::Refused(format!("`{name}`: names in parentheses are the coordinator's own")));
+        }
         let secret = Secret::random()?;
         let now = SystemClock::start().now_ms();
         if insert_token(self.file.db(), name, &secret.hash(), scopes, now).await? {

@@ -7,7 +7,7 @@ use manduca_protocol::view::JobRole;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::auth::Tokens;
+use crate::auth::{Refusals, Tokens};
 use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
@@ -33,6 +33,7 @@ struct Inner {
     changes: Arc<Changes>,
     stopping: CancellationToken,
     tokens: Tokens,
+    refusals: Arc<Refusals>,
     metrics: Arc<Metrics>,
     turns: Turns,
 }
@@ -66,7 +67,8 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let store = Store::open(config.clone(), clock.clone(), observer, metrics.clone()).await?;
     store.run(Recover).await?;
     let stopping = CancellationToken::new();
-    tokio::spawn(sweep(store.clone(), config.clone(), stopping.clone()));
+    let refusals = Arc::new(Refusals::default());
+    tokio::spawn(sweep(store.clone(), config.clone(), refusals.clone(), stopping.clone()));
     Ok(AppState {
         inner: Arc::new(Inner {
             config,
@@ -77,6 +79,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             changes,
             stopping,
             tokens: Tokens::default(),
+            refusals,
             metrics,
             turns: Turns::default(),
         }),
@@ -115,7 +118,7 @@ async fn prune(store: &Store) {
 }
 
 /// Looks for expired leases and ended waits until the coordinator stops.
-async fn sweep(store: Store, config: Arc<Config>, stopping: CancellationToken) {
+async fn sweep(store: Store, config: Arc<Config>, refusals: Arc<Refusals>, stopping: CancellationToken) {
     prune(&store).await;
     let mut pruned = Instant::now();
     loop {
@@ -123,6 +126,7 @@ async fn sweep(store: Store, config: Arc<Config>, stopping: CancellationToken) {
             () = stopping.cancelled() => return,
             () = tokio::time::sleep(config.sweep) => {}
         }
+        refusals.tell_rest();
         if config.keep.is_some() && pruned.elapsed() >= PRUNE {
             pruned = Instant::now();
             prune(&store).await;
@@ -159,6 +163,11 @@ impl AppState {
     /// The tokens of the database.
     pub(crate) fn tokens(&self) -> &Tokens {
         &self.inner.tokens
+    }
+
+    /// Requests refused for their token.
+    pub(crate) fn refusals(&self) -> &Refusals {
+        &self.inner.refusals
     }
 
     /// What is counted.

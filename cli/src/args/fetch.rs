@@ -26,6 +26,9 @@ pub struct DatasetArgs {
     /// Write to this file instead of standard output; .csv, .ndjson, .json or .parquet says how.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Add who computed each row: worker, token, the job that was computed, level and time.
+    #[arg(long)]
+    pub provenance: bool,
 }
 
 /// How a dataset is written.

@@ -22,7 +22,8 @@ pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
         DatasetFormat::Ndjson => "application/x-ndjson",
         DatasetFormat::Parquet => "application/vnd.apache.parquet",
     };
-    save(api.part(id, "dataset", media_type).await?, args.output.as_deref()).await?;
+    let part = if args.provenance { "dataset?provenance=true" } else { "dataset" };
+    save(api.part(id, part, media_type).await?, args.output.as_deref()).await?;
     Ok(ExitCode::SUCCESS)
 }
 

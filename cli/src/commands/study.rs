@@ -77,14 +77,21 @@ async fn list(args: ListArgs) -> Result<ExitCode> {
         out.json(&serde_json::json!({ "studies": studies }))?;
         return Ok(ExitCode::SUCCESS);
     }
+    // Only where tokens are asked for is it known who submitted.
+    let with_tokens = studies.iter().any(|s| s.submitted_by.is_some());
     let rows: Vec<_> = studies
         .iter()
         .map(|s| {
             let samples = format!("{}/{}", s.samples_succeeded, s.samples);
-            vec![s.id.to_string(), s.name.clone(), s.state.name().to_owned(), samples, s.created_at.clone()]
+            let mut row =
+                vec![s.id.to_string(), s.name.clone(), s.state.name().to_owned(), samples, s.created_at.clone()];
+            row.extend(with_tokens.then(|| s.submitted_by.clone().unwrap_or_else(|| "-".into())));
+            row
         })
         .collect();
-    out.table(&["study", "name", "state", "samples", "created"].map(String::from), &rows)?;
+    let mut head = ["study", "name", "state", "samples", "created"].map(String::from).to_vec();
+    head.extend(with_tokens.then(|| "by".to_owned()));
+    out.table(&head, &rows)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -107,6 +114,11 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
     }
     let from = view.paused_from.map_or_else(String::new, |from| format!(" in {}", from.name()));
     out.line(format_args!("state     {}{from}", view.state.name()))?;
+    for (what, by) in [("submitted", &view.submitted_by), ("steered", &view.steered_by)] {
+        if let Some(by) = by {
+            out.line(format_args!("{what:<9} by token `{by}`"))?;
+        }
+    }
     if let Some(failure) = &view.failure {
         out.line(format_args!("failure   {failure}"))?;
     }

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use manduca_protocol::ids::JobId;
-use manduca_protocol::view::WorkerView;
+use manduca_protocol::who::WorkerView;
 
 use crate::args::{DrainArgs, ExplainArgs, WorkerListArgs, WorkersCommand};
 use crate::exit::refused;
@@ -25,9 +25,15 @@ async fn list(args: WorkerListArgs) -> Result<ExitCode> {
         out.json(&workers)?;
         return Ok(ExitCode::SUCCESS);
     }
-    let head = ["name", "state", "slots", "jobs", "done", "failed", "heard of, s", "level", "id"].map(str::to_owned);
+    // Only where tokens are asked for do workers have one.
+    let with_tokens = workers.iter().any(|w| w.token.is_some());
+    let mut head = ["name", "state", "slots", "jobs", "done", "failed", "heard of, s", "level", "id"].to_vec();
+    if with_tokens {
+        head.insert(1, "token");
+    }
+    let head: Vec<_> = head.into_iter().map(str::to_owned).collect();
     let row = |w: &WorkerView| {
-        vec![
+        let mut row = vec![
             w.name.clone(),
             state(w).to_owned(),
             w.slots.to_string(),
@@ -37,7 +43,11 @@ async fn list(args: WorkerListArgs) -> Result<ExitCode> {
             format!("{:.0}", w.last_seen_s),
             w.level.clone(),
             w.id.to_string(),
-        ]
+        ];
+        if with_tokens {
+            row.insert(1, w.token.clone().unwrap_or_else(|| "-".into()));
+        }
+        row
     };
     out.table(&head, &workers.iter().map(row).collect::<Vec<_>>())?;
     Ok(ExitCode::SUCCESS)

@@ -5,26 +5,50 @@ use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::{Access, Scope, Secret};
-use crate::error::ApiError;
+use super::{Access, Caller, Scope, Secret};
+use crate::error::{ApiError, OfAnotherToken};
 use crate::state::AppState;
 
-/// Lets a request pass, or refuses it.
-pub(crate) async fn guard(State(state): State<AppState>, request: Request, next: Next) -> Response {
+/// Lets a request pass, with the one who makes it, or refuses it.
+pub(crate) async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
     let response = match check(&state, request.method(), request.uri().path(), request.headers()).await {
-        Ok(()) => next.run(request).await,
+        Ok(caller) => {
+            let asked = (request.method().clone(), request.uri().clone());
+            request.extensions_mut().insert(caller.clone());
+            let response = next.run(request).await;
+            if response.extensions().get::<OfAnotherToken>().is_some() {
+                turn_away(&state, "another_token", &caller, &asked.0, asked.1.path());
+            }
+            response
+        }
         Err(refusal) => refusal.into_response(),
     };
     state.metrics().answered(response.status().as_u16());
     response
 }
 
-async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMap) -> Result<(), ApiError> {
-    let Some(scope) = required(method, path) else { return Ok(()) };
-    let Access::Tokens(given) = &state.config().access else { return same_site(method, headers) };
-    let secret = bearer(headers).ok_or(ApiError::Unauthenticated)?;
-    let scopes = state.tokens().scopes(&secret, given, state.store()).await?;
-    if scopes.ok_or(ApiError::Unauthenticated)?.allow(scope) { Ok(()) } else { Err(ApiError::Forbidden(scope)) }
+fn turn_away(state: &AppState, reason: &'static str, caller: &Caller, method: &Method, path: &str) {
+    state.metrics().turned_away(reason);
+    state.refusals().forbidden(caller.name(), method.as_str(), path);
+}
+
+async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMap) -> Result<Caller, ApiError> {
+    let Some(scope) = required(method, path) else { return Ok(Caller::default()) };
+    let Access::Tokens(given) = &state.config().access else {
+        return same_site(method, headers).map(|()| Caller::default());
+    };
+    let unknown = || {
+        state.metrics().turned_away("no_valid_token");
+        state.refusals().unknown(method.as_str(), path);
+        ApiError::Unauthenticated
+    };
+    let secret = bearer(headers).ok_or_else(unknown)?;
+    let caller = state.tokens().bearer(&secret, given, state.store()).await?.ok_or_else(unknown)?;
+    if caller.allows(scope) {
+        return Ok(caller);
+    }
+    turn_away(state, "scope", &caller, method, path);
+    Err(ApiError::Forbidden(scope))
 }
 
 /// What a request asks for; none for what anybody may ask.

@@ -18,7 +18,7 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
-use super::{Format, WriteError, estimates};
+use super::{Format, ORIGIN, WriteError, csv_numbers, estimates};
 
 /// Rows of a row group: some 2 MB while it is written.
 const GROUP: usize = 8192;
@@ -36,7 +36,12 @@ impl TableWriter {
     ///
     /// # Errors
     /// When its head cannot be written.
-    pub(crate) fn new(study: StudyId, spec: &StudySpec, solver_version: &str) -> Result<Self, WriteError> {
+    pub(crate) fn new(
+        provenance: bool,
+        study: StudyId,
+        spec: &StudySpec,
+        solver_version: &str,
+    ) -> Result<Self, WriteError> {
         let facts = [
             ("study", study.to_string()),
             ("name", spec.name.clone()),
@@ -50,10 +55,10 @@ impl TableWriter {
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
             .set_max_row_group_row_count(Some(GROUP))
             .set_key_value_metadata(Some(facts.to_vec()));
-        let schema = Arc::new(schema());
+        let schema = Arc::new(schema(provenance));
         let writer = ArrowWriter::try_new(Vec::new(), schema.clone(), Some(properties.build()))?;
         let mut digest = blake3::Hasher::new();
-        digest.update(Format::Csv.head().as_bytes());
+        digest.update(Format::Csv.head(false).as_bytes());
         Ok(Self { writer, schema, digest, rows: 0 })
     }
 
@@ -64,7 +69,8 @@ impl TableWriter {
     pub(crate) fn rows(&mut self, rows: &[DatasetRow]) -> Result<Vec<u8>, WriteError> {
         let mut text = String::new();
         for row in rows {
-            Format::Csv.append(row, false, &mut text)?;
+            // The digest is of the numbers, whoever computed them.
+            csv_numbers(row, &mut text)?;
         }
         self.digest.update(text.as_bytes());
         self.rows += rows.len() as u64;
@@ -79,7 +85,7 @@ impl TableWriter {
     pub(crate) fn end(mut self) -> Result<Vec<u8>, WriteError> {
         let facts = [
             ("rows", self.rows.to_string()),
-            // Of the bytes of the same dataset as CSV.
+            // Of the bytes of the same dataset as CSV, without provenance.
             ("dataset_blake3", self.digest.finalize().to_hex().to_string()),
         ];
         for (key, value) in facts {
@@ -108,7 +114,7 @@ fn number(name: &str, meaning: String, nullable: bool) -> Field {
     Field::new(name, DataType::Float64, nullable).with_metadata(HashMap::from(told))
 }
 
-fn schema() -> Schema {
+fn schema(provenance: bool) -> Schema {
     let mut fields = vec![Field::new("sample", DataType::Int64, false), Field::new("outcome", DataType::Utf8, false)];
     fields.extend(TABLE.iter().map(|p| number(p.name, format!("{}, {}", p.symbol, p.meaning), false)));
     let si = OUTPUTS.iter().map(|(_, name, symbol, _)| (*name, format!("mean of which {symbol} is scaled")));
@@ -118,6 +124,13 @@ fn schema() -> Schema {
         fields.push(number(&format!("{name}_se"), "standard error of the mean".into(), true));
     }
     fields.extend([Field::new("reason", DataType::Utf8, true), Field::new("solver_version", DataType::Utf8, false)]);
+    if provenance {
+        let kind = |name| if name == "computed_job" { DataType::Int64 } else { DataType::Utf8 };
+        let texts = ORIGIN.iter().filter(|&&name| name != "wall_s");
+        fields.extend(texts.map(|&name| Field::new(name, kind(name), true)));
+        let wall = HashMap::from([("unit".to_owned(), "s".to_owned())]);
+        fields.push(Field::new("wall_s", DataType::Float64, true).with_metadata(wall));
+    }
     Schema::new(fields)
 }
 
@@ -144,5 +157,22 @@ fn batch(schema: &SchemaRef, rows: &[DatasetRow]) -> Result<RecordBatch, WriteEr
     }
     columns.push(Arc::new(StringArray::from_iter(rows.iter().map(reason))));
     columns.push(Arc::new(StringArray::from_iter_values(rows.iter().map(|row| &row.result.solver_version))));
+    if schema.fields().len() > columns.len() {
+        columns.extend(origin(rows));
+    }
     Ok(RecordBatch::try_new(schema.clone(), columns)?)
+}
+
+/// The columns which tell the origin of rows, in the order of [`ORIGIN`].
+fn origin(rows: &[DatasetRow]) -> [ArrayRef; ORIGIN.len()] {
+    let by = || rows.iter().map(|row| row.computed_by.as_ref());
+    let how = || rows.iter().map(|row| row.provenance.as_ref());
+    [
+        Arc::new(Int64Array::from_iter(by().map(|by| by.map(|by| by.job.0)))),
+        Arc::new(StringArray::from_iter(by().map(|by| by.map(|by| by.worker.to_string())))),
+        Arc::new(StringArray::from_iter(by().map(|by| by.map(|by| by.worker_name.clone())))),
+        Arc::new(StringArray::from_iter(by().map(|by| by.and_then(|by| by.token.clone())))),
+        Arc::new(StringArray::from_iter(how().map(|how| how.map(|how| how.level.clone())))),
+        Arc::new(Float64Array::from_iter(how().map(|how| how.map(|how| how.wall_s)))),
+    ]
 }

@@ -9,6 +9,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::studies::view;
+use crate::auth::Caller;
 use crate::error::ApiError;
 use crate::http::parts::Id;
 use crate::state::AppState;
@@ -22,8 +23,13 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
         .routes(routes!(retry_failed))
 }
 
-async fn control(state: &AppState, study: StudyId, action: Action) -> Result<Json<StudyView>, ApiError> {
-    state.store().run(Control { study, action }).await?;
+async fn control(
+    state: &AppState,
+    caller: &Caller,
+    study: StudyId,
+    action: Action,
+) -> Result<Json<StudyView>, ApiError> {
+    state.store().run(Control { study, action, by: caller.named() }).await?;
     Ok(Json(view(state, study).await?))
 }
 
@@ -33,8 +39,12 @@ async fn control(state: &AppState, study: StudyId, action: Action) -> Result<Jso
     (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn pause(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<StudyView>, ApiError> {
-    control(&state, study, Action::Pause).await
+async fn pause(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(study): Id<StudyId>,
+) -> Result<Json<StudyView>, ApiError> {
+    control(&state, &caller, study, Action::Pause).await
 }
 
 /// Sets a paused study going again.
@@ -43,8 +53,12 @@ async fn pause(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<
     (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn resume(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<StudyView>, ApiError> {
-    control(&state, study, Action::Resume).await
+async fn resume(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(study): Id<StudyId>,
+) -> Result<Json<StudyView>, ApiError> {
+    control(&state, &caller, study, Action::Resume).await
 }
 
 /// Ends a study for good.
@@ -53,8 +67,12 @@ async fn resume(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result
     (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn cancel(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<StudyView>, ApiError> {
-    control(&state, study, Action::Cancel).await
+async fn cancel(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(study): Id<StudyId>,
+) -> Result<Json<StudyView>, ApiError> {
+    control(&state, &caller, study, Action::Cancel).await
 }
 
 /// Tries the jobs given up again; a failed study returns to their stage.
@@ -63,6 +81,10 @@ async fn cancel(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result
     (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn retry_failed(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<StudyView>, ApiError> {
-    control(&state, study, Action::RetryFailed).await
+async fn retry_failed(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(study): Id<StudyId>,
+) -> Result<Json<StudyView>, ApiError> {
+    control(&state, &caller, study, Action::RetryFailed).await
 }

@@ -20,7 +20,7 @@ use crate::dataset::{Format, WriteError, Writer};
 use crate::error::{ApiError, chain};
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{SampleRow, Store, StoreError};
+use crate::store::{Store, StoreError};
 
 /// Rows read and sent at once: what a slow client keeps in memory here.
 const CHUNK: u32 = 500;
@@ -35,6 +35,9 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 struct DatasetParams {
     /// `json`, `ndjson`, `csv` or `parquet`; the Accept header decides where left out.
     format: Option<String>,
+    /// Also say who computed each row and how: other runs of the study differ in that.
+    #[serde(default)]
+    provenance: bool,
 }
 
 /// The samples flown so far, by index: those which succeeded and those which are infeasible.
@@ -59,9 +62,9 @@ async fn dataset(
 ) -> Result<Response, ApiError> {
     let format = format(params.format.as_deref(), &headers)?;
     let head = state.store().study_head(study).await?;
-    let writer =
-        Writer::new(format, study, &head.spec, &head.solver_version).map_err(|e| ApiError::Internal(Box::new(e)))?;
-    let rows = Rows::new(state.store().clone(), head.study, writer);
+    let writer = Writer::new(format, params.provenance, study, &head.spec, &head.solver_version)
+        .map_err(|e| ApiError::Internal(Box::new(e)))?;
+    let rows = Rows::new(state.store().clone(), head.study, params.provenance, writer);
     let body = Body::from_stream(stream::try_unfold(rows, Rows::next));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
 }
@@ -80,15 +83,16 @@ fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> 
 struct Rows {
     store: Store,
     study: i64,
+    provenance: bool,
     writer: Option<Writer>,
     after: i64,
     said: VecDeque<Vec<u8>>,
 }
 
 impl Rows {
-    fn new(store: Store, study: i64, writer: Writer) -> Self {
+    fn new(store: Store, study: i64, provenance: bool, writer: Writer) -> Self {
         let said = VecDeque::from([writer.head()]);
-        Self { store, study, writer: Some(writer), after: -1, said }
+        Self { store, study, provenance, writer: Some(writer), after: -1, said }
     }
 
     async fn next(mut self) -> Result<Option<(Vec<u8>, Self)>, StoreError> {
@@ -110,10 +114,10 @@ impl Rows {
 
     async fn read(&mut self, mut writer: Writer) -> Result<(), StoreError> {
         let rows = self.store.samples_after(self.study, self.after, CHUNK).await?;
-        let last = rows.last().map(|row| row.ordinal);
+        let (last, provenance) = (rows.last().map(|row| row.ordinal), self.provenance);
         // Not on the threads which serve: rows are unpacked, parsed and written again.
         let written = spawn_blocking(move || {
-            let rows = rows.into_iter().map(SampleRow::parse).collect::<Result<Vec<_>, _>>()?;
+            let rows = rows.into_iter().map(|row| row.parse(provenance)).collect::<Result<Vec<_>, _>>()?;
             let corrupt = |e: WriteError| StoreError::Corrupt(chain(&e));
             if last.is_none() {
                 return Ok::<_, StoreError>((writer.end().map_err(corrupt)?, None));

@@ -12,6 +12,7 @@ use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::auth::Caller;
 use crate::compose;
 use crate::config::Config;
 use crate::error::ApiError;
@@ -35,6 +36,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
     responses(
         (status = 200, body = ExchangeResponse),
         (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 403, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 413, body = Problem, content_type = "application/problem+json"),
         (status = 415, body = Problem, content_type = "application/problem+json"),
@@ -43,6 +45,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
     ))]
 async fn exchange(
     State(state): State<AppState>,
+    caller: Caller,
     Id(worker): Id<WorkerId>,
     JsonBody(request): JsonBody<ExchangeRequest>,
 ) -> Result<Json<ExchangeResponse>, ApiError> {
@@ -55,7 +58,13 @@ async fn exchange(
     notified.as_mut().enable();
     // A coordinator about to stop takes what is brought and gives nothing out.
     let give = |n| if state.stopping().is_cancelled() { 0 } else { n };
-    let first = Exchange { worker, complete, fail: request.fail, renew, have: request.have, want: give(want) };
+    let first = Exchange {
+        complete,
+        fail: request.fail,
+        renew,
+        have: request.have,
+        ..Exchange::asking(worker, caller.clone(), give(want))
+    };
     let began = Instant::now();
     let mut told = state.store().exchange(first).await?;
     state.metrics().exchanged(began.elapsed());
@@ -70,7 +79,7 @@ async fn exchange(
         }
         notified.set(state.ready().notified());
         notified.as_mut().enable();
-        let news = state.store().exchange(Exchange::asking(worker, give(want))).await?;
+        let news = state.store().exchange(Exchange::asking(worker, caller.clone(), give(want))).await?;
         (told.leased, told.drain) = (news.leased, news.drain);
     }
     Ok(Json(response(told, state.config())?))

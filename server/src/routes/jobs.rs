@@ -12,6 +12,7 @@ use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::auth::Caller;
 use crate::compose;
 use crate::error::ApiError;
 use crate::http::cursor;
@@ -97,13 +98,18 @@ async fn show(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
     Ok(Json(state.store().job(job).await?))
 }
 
-/// What a job computes, with all its data.
+/// What a job computes, with all its data: for the token of the worker that has it, and for admins.
 #[utoipa::path(get, path = "/v1/jobs/{job}/task", tag = "workers", params(("job" = JobId, Path)), responses(
     (status = 200, body = Task),
+    (status = 403, body = Problem, content_type = "application/problem+json"),
     (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn task(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<Task>, ApiError> {
+async fn task(State(state): State<AppState>, caller: Caller, Id(job): Id<JobId>) -> Result<Json<Task>, ApiError> {
     let store = state.store();
+    if !caller.is_admin() && !store.holder_of(job).await?.is_some_and(|token| caller.speaks_for(token.as_deref())) {
+        let why = format!("job {job} is not with a worker of this token, which alone may see what it computes");
+        return Err(ApiError::AnotherToken(why));
+    }
     let row = store.task_row(job).await?;
     let task = match row.role {
         JobRole::Sample | JobRole::Verify | JobRole::Probe | JobRole::Individual | JobRole::Audit => {

@@ -13,6 +13,7 @@ use manduca_protocol::view::OptimumView;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::auth::Caller;
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
@@ -78,13 +79,14 @@ async fn find(state: &AppState, study: StudyId, name: &str) -> Result<OptimumVie
     ))]
 async fn add(
     State(state): State<AppState>,
+    caller: Caller,
     Id(study): Id<StudyId>,
     JsonBody(spec): JsonBody<OptimisationSpec>,
 ) -> Result<Response, ApiError> {
     let head = state.store().study_head(study).await?;
     check(&spec, &head.spec)?;
     let name = spec.name.clone();
-    let created = state.store().run(AddOptimisation { study, spec }).await?;
+    let created = state.store().run(AddOptimisation { study, spec, by: caller.named() }).await?;
     let status = if created { StatusCode::CREATED } else { StatusCode::OK };
     let mut response = (status, Json(find(&state, study, &name).await?)).into_response();
     let place = format!("/v1/studies/{study}/optimisations/{}", escaped(&name));

@@ -14,6 +14,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::studies::view;
+use crate::auth::Caller;
 use crate::check::{Checked, check};
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
@@ -64,6 +65,7 @@ struct SubmitParams {
     ))]
 async fn submit(
     State(state): State<AppState>,
+    caller: Caller,
     Params(params): Params<SubmitParams>,
     headers: HeaderMap,
     body: Result<JsonBody<StudySpec>, ApiError>,
@@ -72,7 +74,7 @@ async fn submit(
         return Ok(Json(dry_run(body).await?).into_response());
     }
     let JsonBody(spec) = body?;
-    let submitted = store(&state, spec, idempotency_key(&headers)?).await?;
+    let submitted = store(&state, spec, idempotency_key(&headers)?, &caller).await?;
     let status = if submitted.created { StatusCode::CREATED } else { StatusCode::OK };
     let mut response = (status, Json(view(&state, submitted.id).await?)).into_response();
     if let Ok(location) = HeaderValue::from_str(&format!("/v1/studies/{}", submitted.id)) {
@@ -91,7 +93,12 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
     key.map(|key| Some(key.to_owned())).ok_or_else(refused)
 }
 
-async fn store(state: &AppState, spec: StudySpec, idempotency_key: Option<String>) -> Result<Submitted, ApiError> {
+async fn store(
+    state: &AppState,
+    spec: StudySpec,
+    idempotency_key: Option<String>,
+    caller: &Caller,
+) -> Result<Submitted, ApiError> {
     // Canonical: parsed and written again, so that spelling and order in the body do not matter.
     let canonical = serde_json::to_string(&spec).map_err(|e| ApiError::Internal(Box::new(e)))?;
     let digest = *blake3::hash(canonical.as_bytes()).as_bytes();
@@ -102,8 +109,8 @@ async fn store(state: &AppState, spec: StudySpec, idempotency_key: Option<String
     }
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
     let drawn = checked(spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
-    let submit =
-        Submit { id: StudyId::new(), name, spec: canonical, digest, samples, optimisations, idempotency_key, drawn };
+    let (id, by) = (StudyId::new(), caller.named());
+    let submit = Submit { id, name, spec: canonical, digest, samples, optimisations, idempotency_key, by, drawn };
     Ok(state.store().run(submit).await?)
 }
 

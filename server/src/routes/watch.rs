@@ -79,6 +79,7 @@ async fn explain(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Js
         jobs_ahead: ahead,
         waits_s: at.waits_s,
         lease: at.lease,
+        computed_by: at.computed_by,
         failures: at.failures,
         losses: at.losses,
         last_failure: at.reason,
@@ -108,8 +109,9 @@ fn reasons(at: &Circumstances, ahead: Option<u64>, slots: u64, max_attempts: u32
         )),
         JobState::Leased => {
             if let Some(lease) = &at.lease {
+                let token = lease.token.as_ref().map(|token| format!(" of token `{token}`")).unwrap_or_default();
                 told.push(format!(
-                    "worker `{}` has it, for {:.1} s of at most {} s; unless renewed its lease ends in {:.1} s",
+                    "worker `{}`{token} has it, for {:.1} s of at most {} s; unless renewed its lease ends in {:.1} s",
                     lease.name,
                     lease.running_s.unwrap_or(0.0),
                     lease.run_limit_s,
@@ -117,9 +119,12 @@ fn reasons(at: &Circumstances, ahead: Option<u64>, slots: u64, max_attempts: u32
                 ));
             }
         }
-        JobState::Succeeded => told.push(match at.result_of {
-            Some(equal) => format!("it is done: job {equal} flew the same simulation"),
-            None => "it is done".into(),
+        JobState::Succeeded => told.push(match (at.result_of, &at.computed_by) {
+            (Some(equal), Some(by)) => {
+                format!("it is done: job {equal} has simulated the same stroke, computed by {}", by.sentence())
+            }
+            (_, Some(by)) => format!("it is done: computed by {}", by.sentence()),
+            (_, None) => "it is done".into(),
         }),
         JobState::Infeasible => told.push(format!("it is answered: the stroke cannot be flown ({why})")),
         JobState::Dead => {

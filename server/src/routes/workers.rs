@@ -6,11 +6,12 @@ use axum::http::StatusCode;
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::view::WorkerView;
+use manduca_protocol::who::WorkerView;
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::auth::Caller;
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
@@ -43,6 +44,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 ))]
 async fn register(
     State(state): State<AppState>,
+    caller: Caller,
     JsonBody(request): JsonBody<RegisterRequest>,
 ) -> Result<(StatusCode, Json<RegisterResponse>), ApiError> {
     if !(OLDEST_PROTOCOL_VERSION..=PROTOCOL_VERSION).contains(&request.protocol_version) {
@@ -54,7 +56,7 @@ async fn register(
     check(&request)?;
     let worker = WorkerId::new();
     let RegisterRequest { name, slots, level, .. } = request;
-    state.store().run(Register { worker, name, slots, level }).await?;
+    state.store().run(Register { worker, name, slots, level, token: caller.named() }).await?;
     let config = state.config();
     let response =
         RegisterResponse { worker, lease_s: config.lease.as_secs_f64(), renew_s: config.renew.as_secs_f64() };
@@ -86,10 +88,15 @@ async fn list(State(state): State<AppState>) -> Result<Json<Vec<WorkerView>>, Ap
 /// A worker says goodbye; its jobs are ready again at once.
 #[utoipa::path(delete, path = "/v1/workers/{worker}", tag = "workers", params(("worker" = WorkerId, Path)), responses(
     (status = 204, description = "Its leases are given back"),
+    (status = 403, body = Problem, content_type = "application/problem+json"),
     (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn deregister(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
-    state.store().run(Deregister { worker }).await?;
+async fn deregister(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(worker): Id<WorkerId>,
+) -> Result<StatusCode, ApiError> {
+    state.store().run(Deregister { worker, caller }).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -98,7 +105,11 @@ async fn deregister(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> 
     (status = 202, description = "It will be told"),
     (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn drain(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
-    state.store().run(Drain { worker }).await?;
+async fn drain(
+    State(state): State<AppState>,
+    caller: Caller,
+    Id(worker): Id<WorkerId>,
+) -> Result<StatusCode, ApiError> {
+    state.store().run(Drain { worker, by: caller.named() }).await?;
     Ok(StatusCode::ACCEPTED)
 }

@@ -4,7 +4,7 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::OptimisationSpec;
 
 use super::advance::{advance, begin, find_study, read_spec};
-use super::control::find_number;
+use super::control::{find_number, note_steering};
 use super::names::{Condition, Stage};
 use super::{Operation, StoreError, Work};
 
@@ -12,6 +12,8 @@ use super::{Operation, StoreError, Work};
 pub(crate) struct AddOptimisation {
     pub(crate) study: StudyId,
     pub(crate) spec: OptimisationSpec,
+    /// Name of the token that asks for it.
+    pub(crate) by: Option<String>,
 }
 
 impl Operation for AddOptimisation {
@@ -41,6 +43,7 @@ impl Operation for AddOptimisation {
         row.check_numbers()?;
         insert(work, study, row.optimisations, &self.spec).await?;
         work.specs.clear();
+        note_steering(work, &row, "add-optimisation", self.by).await?;
         begin(work, &row, Stage::Optimising).await?;
         // Its generations may have been flown for another study.
         advance(work, study).await?;

@@ -23,10 +23,24 @@ pub(crate) enum Action {
     RetryFailed,
 }
 
+impl Action {
+    /// Its name in paths and in the log.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Pause => "pause",
+            Self::Resume => "resume",
+            Self::Cancel => "cancel",
+            Self::RetryFailed => "retry-failed",
+        }
+    }
+}
+
 /// Does what a user wants. Wanting what already is changes nothing.
 pub(crate) struct Control {
     pub(crate) study: StudyId,
     pub(crate) action: Action,
+    /// Name of the token that asks for it.
+    pub(crate) by: Option<String>,
 }
 
 impl Operation for Control {
@@ -35,22 +49,47 @@ impl Operation for Control {
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
         let study = find_number(work.db, self.study).await?;
         let row = find_study(work.db, study).await?;
-        match (self.action, row.condition) {
-            (Action::Pause, Condition::Running) => pause(work, &row).await,
-            (Action::Resume, Condition::Paused) => {
-                row.check_numbers()?;
-                resume(work, &row).await
-            }
-            (Action::Cancel, Condition::Running | Condition::Paused | Condition::Failed) => cancel(work, &row).await,
-            (Action::RetryFailed, Condition::Running | Condition::Paused | Condition::Failed) => {
-                row.check_numbers()?;
-                retry_failed(work, &row).await
-            }
-            (Action::Pause, Condition::Paused)
-            | (Action::Resume, Condition::Running)
-            | (Action::Cancel, Condition::Cancelled) => Ok(()),
-            (action, condition) => Err(wrong_state(action, condition)),
+        let events = work.events.len();
+        act(work, &row, self.action).await?;
+        if work.events.len() > events {
+            note_steering(work, &row, self.action.name(), self.by).await?;
         }
+        Ok(())
+    }
+}
+
+/// Keeps who steered a study, and what for in the log.
+pub(super) async fn note_steering(
+    work: &mut Work<'_>,
+    row: &StudyRow,
+    action: &'static str,
+    by: Option<String>,
+) -> Result<(), StoreError> {
+    sqlx::query("update studies set steered_by = ? where study = ?")
+        .bind(&by)
+        .bind(row.study)
+        .execute(&mut *work.db)
+        .await?;
+    work.events.push(Event::Steered { study: row.id, action, by });
+    Ok(())
+}
+
+async fn act(work: &mut Work<'_>, row: &StudyRow, action: Action) -> Result<(), StoreError> {
+    match (action, row.condition) {
+        (Action::Pause, Condition::Running) => pause(work, row).await,
+        (Action::Resume, Condition::Paused) => {
+            row.check_numbers()?;
+            resume(work, row).await
+        }
+        (Action::Cancel, Condition::Running | Condition::Paused | Condition::Failed) => cancel(work, row).await,
+        (Action::RetryFailed, Condition::Running | Condition::Paused | Condition::Failed) => {
+            row.check_numbers()?;
+            retry_failed(work, row).await
+        }
+        (Action::Pause, Condition::Paused)
+        | (Action::Resume, Condition::Running)
+        | (Action::Cancel, Condition::Cancelled) => Ok(()),
+        (action, condition) => Err(wrong_state(action, condition)),
     }
 }
 

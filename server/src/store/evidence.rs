@@ -79,14 +79,15 @@ async fn delete_refused_before(work: &mut Work<'_>, last: i64) -> Result<(), Sto
     Ok(())
 }
 
-type EvidenceRow = (i64, i64, Vec<u8>, String, String, String, i64);
+type EvidenceRow = (i64, i64, Vec<u8>, String, String, String, i64, Option<String>, Option<String>);
 
 impl Store {
     /// Evidence, the newest first.
     pub(crate) async fn evidence(&self, class: Option<&str>, limit: u32) -> Result<Vec<EvidenceView>, StoreError> {
         let rows: Vec<EvidenceRow> = sqlx::query_as(
-            "select job, attempt, worker, class, reason, level, refused_ms from refused_results
-             where ?1 is null or class = ?1 order by refused desc limit ?2",
+            "select r.job, r.attempt, r.worker, r.class, r.reason, r.level, r.refused_ms, w.name, coalesce(r.token, w.token)
+             from refused_results as r left join workers as w on w.id = r.worker
+             where ?1 is null or r.class = ?1 order by r.refused desc limit ?2",
         )
         .bind(class)
         .bind(limit)
@@ -96,7 +97,8 @@ impl Store {
     }
 }
 
-fn view((job, attempt, worker, class, reason, level, at): EvidenceRow) -> Result<EvidenceView, StoreError> {
+fn view(row: EvidenceRow) -> Result<EvidenceView, StoreError> {
+    let (job, attempt, worker, class, reason, level, at, worker_name, token) = row;
     let (attempt, worker) = (unsigned(attempt)?, WorkerId(uuid(&worker)?));
-    Ok(EvidenceView { job: JobId(job), attempt, worker, class, reason, level, at: rfc3339(at) })
+    Ok(EvidenceView { job: JobId(job), attempt, worker, worker_name, token, class, reason, level, at: rfc3339(at) })
 }

@@ -19,12 +19,15 @@ use super::checkpoint::PreparedRenewal;
 use super::claim::Leased;
 use super::complete::Prepared;
 use super::fail::{Reported, fail};
-use super::workers::{Tally, add_to_tallies, touch};
+use super::workers::{Tally, add_to_tallies, touch, why_unknown};
 use super::{StoreError, Work};
+use crate::auth::Caller;
 
 /// What a worker says and asks.
 pub(crate) struct Exchange {
     pub(crate) worker: WorkerId,
+    /// Who speaks for the worker.
+    pub(crate) caller: Caller,
     pub(crate) complete: Vec<Prepared>,
     pub(crate) fail: Vec<Failure>,
     pub(crate) renew: Vec<PreparedRenewal>,
@@ -35,8 +38,8 @@ pub(crate) struct Exchange {
 
 impl Exchange {
     /// One which only asks for jobs.
-    pub(crate) fn asking(worker: WorkerId, want: u32) -> Self {
-        Self { worker, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), have: None, want }
+    pub(crate) fn asking(worker: WorkerId, caller: Caller, want: u32) -> Self {
+        Self { worker, caller, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), have: None, want }
     }
 
     /// How many jobs it touches: commits are bounded by it.
@@ -96,11 +99,12 @@ pub(super) async fn exchange_all(
     work: &mut Work<'_>,
     exchanges: &[Exchange],
 ) -> Result<Vec<Result<Exchanged, StoreError>>, StoreError> {
-    let known = touch(work, exchanges.iter().map(|e| e.worker)).await?;
+    let known = touch(work, exchanges.iter().map(|e| (e.worker, &e.caller))).await?;
+    let is_known = |e: &Exchange| known.get(&e.worker).filter(|own| e.caller.speaks_for(own.token.as_deref()));
     let mut parties: Vec<_> = exchanges
         .iter()
         .filter_map(|exchange| {
-            let standing = known.get(&exchange.worker)?;
+            let standing = is_known(exchange)?;
             let want = if standing.may_work() { exchange.want as usize } else { 0 };
             Some(Party { exchange, want, told: Exchanged { drain: standing.draining, ..Exchanged::default() } })
         })
@@ -118,8 +122,15 @@ pub(super) async fn exchange_all(
     // One quarantined just now may still be given jobs: it is only a suspicion, and they are fenced.
     claims::give(work, &mut parties).await?;
     let mut told = parties.into_iter().map(|party| party.told);
-    let mut answer = |e: &Exchange| if known.contains_key(&e.worker) { told.next() } else { None };
-    Ok(exchanges.iter().map(|e| answer(e).ok_or(StoreError::UnknownWorker(e.worker))).collect())
+    let mut answers = Vec::with_capacity(exchanges.len());
+    for exchange in exchanges {
+        let answer = is_known(exchange).and_then(|_| told.next());
+        answers.push(match answer {
+            Some(told) => Ok(told),
+            None => Err(why_unknown(work, exchange.worker).await?),
+        });
+    }
+    Ok(answers)
 }
 
 async fn take_failures(work: &mut Work<'_>, party: &mut Party<'_>, effects: &mut Effects) -> Result<(), StoreError> {

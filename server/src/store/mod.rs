@@ -59,7 +59,6 @@ pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
 pub(crate) use names::{Condition, kind_of, role_name, state_name};
-pub(crate) use read_dataset::SampleRow;
 pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use read_studies::StudyHead;
@@ -89,6 +88,8 @@ pub(crate) enum StoreError {
     UnknownJob(JobId),
     #[error("{0}")]
     WrongState(String),
+    #[error("{0}")]
+    AnotherToken(String),
     #[error("Idempotency-Key reused")]
     IdempotencyKeyReused,
     #[error("the store holds what it should not: {0}")]

@@ -2,10 +2,11 @@
 
 use manduca_numerics::parameters::Point;
 use manduca_protocol::point::ParameterValues;
-use manduca_protocol::task::{SimulateOutcome, SimulateResult, TrainSample};
+use manduca_protocol::task::{Provenance, SimulateOutcome, SimulateResult, TrainSample};
 use manduca_protocol::view::DatasetRow;
 
 use super::names::unsigned;
+use super::read_jobs::RawOrigin;
 use super::{Store, StoreError, body};
 
 /// Samples read at once for a training.
@@ -17,16 +18,24 @@ pub(crate) struct SampleRow {
     pub(crate) ordinal: i64,
     parameters: String,
     body: Vec<u8>,
+    #[sqlx(default)]
+    wall_s: f64,
+    #[sqlx(default)]
+    level: String,
+    #[sqlx(flatten)]
+    origin: RawOrigin,
 }
 
 impl SampleRow {
-    /// As users see it.
-    pub(crate) fn parse(self) -> Result<DatasetRow, StoreError> {
+    /// As users see it, with its origin if asked for.
+    pub(crate) fn parse(self, provenance: bool) -> Result<DatasetRow, StoreError> {
         let point: Point = body::from_json(self.parameters.as_bytes())?;
         Ok(DatasetRow {
             sample: unsigned(self.ordinal)?,
             parameters: ParameterValues(point),
             result: body::parse::<SimulateResult>(self.body)?,
+            computed_by: if provenance { self.origin.view()? } else { None },
+            provenance: provenance.then_some(Provenance { wall_s: self.wall_s, level: self.level }),
         })
     }
 }
@@ -35,8 +44,10 @@ impl Store {
     /// The next samples with an answer after the one of this index.
     pub(crate) async fn samples_after(&self, study: i64, after: i64, limit: u32) -> Result<Vec<SampleRow>, StoreError> {
         let rows = sqlx::query_as(
-            "select j.ordinal, j.parameters, r.body
+            "select j.ordinal, j.parameters, r.body, r.wall_s, r.level,
+                    r.job as origin_job, r.worker as origin_worker, w.name as origin_name, w.token as origin_token
              from jobs as j join results as r on r.job = coalesce(j.result_of, j.job)
+             left join workers as w on w.id = r.worker
              where j.study = ? and j.role = 'sample' and j.ordinal > ? and j.state in ('succeeded', 'infeasible')
              order by j.ordinal limit ?",
         )
@@ -66,7 +77,7 @@ impl Store {
 fn train_rows(rows: Vec<SampleRow>) -> Result<Vec<TrainSample>, StoreError> {
     let mut samples = Vec::with_capacity(rows.len());
     for row in rows {
-        let row = row.parse()?;
+        let row = row.parse(false)?;
         if let SimulateOutcome::Ok { scaled, .. } = row.result.outcome {
             let y = [scaled.lift.mean, scaled.drag.mean, scaled.pitch_moment.mean, scaled.power.mean];
             let se = [scaled.lift.se, scaled.drag.se, scaled.pitch_moment.se, scaled.power.se];

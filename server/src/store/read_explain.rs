@@ -3,8 +3,10 @@
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::view::{JobRole, JobState};
 use manduca_protocol::watch::LeaseView;
+use manduca_protocol::who::ComputedBy;
 
 use super::names::{Condition, kind_of, named, unsigned, uuid};
+use super::read_jobs::RawOrigin;
 use super::{Store, StoreError};
 use crate::config::Config;
 
@@ -21,6 +23,7 @@ pub(crate) struct Circumstances {
     pub(crate) waits_s: Option<f64>,
     pub(crate) lease: Option<LeaseView>,
     pub(crate) result_of: Option<JobId>,
+    pub(crate) computed_by: Option<ComputedBy>,
 }
 
 #[derive(sqlx::FromRow)]
@@ -35,9 +38,12 @@ struct Raw {
     not_before_ms: Option<i64>,
     worker: Option<Vec<u8>>,
     name: Option<String>,
+    token: Option<String>,
     leased_ms: Option<i64>,
     lease_until_ms: Option<i64>,
     result_of: Option<i64>,
+    #[sqlx(flatten)]
+    origin: RawOrigin,
 }
 
 impl Store {
@@ -50,8 +56,10 @@ impl Store {
     ) -> Result<Circumstances, StoreError> {
         let raw: Option<Raw> = sqlx::query_as(
             "select s.id, j.role, j.state, s.condition, j.failures, j.losses, j.reason, j.not_before_ms, j.worker, w.name,
-                    j.leased_ms, j.lease_until_ms, j.result_of
+                    w.token, j.leased_ms, j.lease_until_ms, j.result_of,
+                    r.job as origin_job, r.worker as origin_worker, c.name as origin_name, c.token as origin_token
              from jobs as j join studies as s on s.study = j.study left join workers as w on w.id = j.worker
+             left join results as r on r.job = coalesce(j.result_of, j.job) left join workers as c on c.id = r.worker
              where j.job = ?",
         )
         .bind(job.0)
@@ -64,6 +72,7 @@ impl Store {
             (JobState::Leased, Some(worker), Some(until)) => Some(LeaseView {
                 worker: WorkerId(uuid(worker)?),
                 name: raw.name.unwrap_or_default(),
+                token: raw.token,
                 running_s: raw.leased_ms.map(|since| seconds((now - since).max(0))),
                 run_limit_s: config.run_limits.of(kind_of(role)).as_secs_f64(),
                 expires_s: seconds((until - now).max(0)),
@@ -81,6 +90,7 @@ impl Store {
             waits_s: raw.not_before_ms.map(|at| seconds((at - now).max(0))),
             lease,
             result_of: raw.result_of.map(JobId),
+            computed_by: raw.origin.view()?,
         })
     }
 

@@ -50,7 +50,7 @@ impl Store {
         .bind(list)
         .fetch_all(self.readers())
         .await?;
-        rows.into_iter().map(SampleRow::parse).collect()
+        rows.into_iter().map(|row| row.parse(false)).collect()
     }
 
     /// When each result of a study came in, ms, in no order; those shared with other jobs left out.

@@ -26,6 +26,8 @@ struct RawStudy {
     created_ms: i64,
     spec: String,
     solver_version: Option<String>,
+    submitted_by: Option<String>,
+    steered_by: Option<String>,
 }
 
 /// A study's head: where it is and what was asked.
@@ -38,6 +40,8 @@ pub(crate) struct StudyHead {
     pub(crate) spec: StudySpec,
     /// Of the numbers it was begun with.
     pub(crate) solver_version: String,
+    submitted_by: Option<String>,
+    steered_by: Option<String>,
 }
 
 impl StudyHead {
@@ -76,7 +80,8 @@ impl Store {
     /// A study's head.
     pub(crate) async fn study_head(&self, id: StudyId) -> Result<StudyHead, StoreError> {
         let raw: Option<RawStudy> = sqlx::query_as(
-            "select s.study, s.stage, s.condition, s.failure, s.created_ms, s.solver_version, a.spec
+            "select s.study, s.stage, s.condition, s.failure, s.created_ms, s.solver_version, a.spec,
+                    s.submitted_by, s.steered_by
                  from studies as s join study_specs as a on a.study = s.study where s.id = ?",
         )
         .bind(id.0.as_bytes().as_slice())
@@ -91,6 +96,8 @@ impl Store {
             created_ms: raw.created_ms,
             spec: body::from_json(raw.spec.as_bytes())?,
             solver_version: raw.solver_version.unwrap_or_else(|| BEFORE_KEPT.to_owned()),
+            submitted_by: raw.submitted_by,
+            steered_by: raw.steered_by,
         })
     }
 
@@ -120,6 +127,8 @@ impl Store {
             stages_s: self.stage_seconds(head.study, now).await?,
             surrogate: surrogate.and_then(|s| s.test),
             optimisations,
+            submitted_by: head.submitted_by,
+            steered_by: head.steered_by,
             spec: head.spec,
             solver_version: head.solver_version,
         })
@@ -282,6 +291,7 @@ struct RawSummary {
     created_ms: i64,
     samples: i64,
     succeeded: i64,
+    submitted_by: Option<String>,
 }
 
 async fn list_studies(
@@ -291,7 +301,8 @@ async fn list_studies(
     limit: u32,
 ) -> Result<Vec<RawSummary>, StoreError> {
     let rows = sqlx::query_as(
-        "select s.study, s.id, s.name, s.stage, s.condition, s.created_ms, s.samples, coalesce(c.n, 0) as succeeded
+        "select s.study, s.id, s.name, s.stage, s.condition, s.created_ms, s.samples, coalesce(c.n, 0) as succeeded,
+                s.submitted_by
          from studies as s
          left join study_counts as c on c.study = s.study and c.role = 'sample' and c.state = 'succeeded'
          where s.study < ?1 and (?2 is null or iif(s.condition = 'running', s.stage, s.condition) = ?2)
@@ -314,6 +325,7 @@ fn summary(raw: RawSummary) -> Result<(i64, StudySummary), StoreError> {
         created_at: rfc3339(raw.created_ms),
         samples: unsigned(raw.samples)?,
         samples_succeeded: unsigned(raw.succeeded)?,
+        submitted_by: raw.submitted_by,
     };
     Ok((raw.study, summary))
 }

@@ -1,7 +1,7 @@
 //! Workers as users see them.
 
 use manduca_protocol::ids::WorkerId;
-use manduca_protocol::view::WorkerView;
+use manduca_protocol::who::WorkerView;
 use manduca_protocol::worker::MAX_WAIT_S;
 
 use super::names::{unsigned, uuid};
@@ -24,6 +24,8 @@ struct RawWorker {
     strikes: i64,
     quarantined_until_ms: Option<i64>,
     draining: bool,
+    token: Option<String>,
+    drained_by: Option<String>,
     leased: i64,
 }
 
@@ -33,7 +35,7 @@ impl Store {
         // The jobs counted here are those in hand, read from the index of leases.
         let rows: Vec<RawWorker> = sqlx::query_as(
             "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
-                    w.strikes, w.quarantined_until_ms, w.draining,
+                    w.strikes, w.quarantined_until_ms, w.draining, w.token, w.drained_by,
                     (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
              from workers as w where w.left_ms is null and w.last_seen_ms >= ? order by w.name, w.id limit ?",
         )
@@ -62,5 +64,7 @@ fn view(row: RawWorker, now: i64, lease_ms: i64) -> Result<WorkerView, StoreErro
         strikes: unsigned(row.strikes)?,
         quarantined: row.quarantined_until_ms.is_some_and(|until| until > now),
         draining: row.draining,
+        token: row.token,
+        drained_by: row.drained_by,
     })
 }

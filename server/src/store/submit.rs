@@ -25,6 +25,8 @@ pub(crate) struct Submit {
     pub(crate) samples: u32,
     pub(crate) optimisations: usize,
     pub(crate) idempotency_key: Option<String>,
+    /// Name of the token that submits it.
+    pub(crate) by: Option<String>,
     pub(crate) drawn: Vec<Drawn>,
 }
 
@@ -48,7 +50,7 @@ impl Operation for Submit {
         insert_simulations(work.db, study, JobRole::Sample, &self.drawn).await?;
         let counts = read_counts(&mut *work.db, study, JobRole::Sample).await?;
         let cached = counts.succeeded + counts.infeasible;
-        work.events.push(Event::Submitted { study: self.id, samples: self.samples, cached });
+        work.events.push(Event::Submitted { study: self.id, samples: self.samples, cached, by: self.by.clone() });
         // Without samples there is no network: such a study only flies generations.
         let first = if self.samples == 0 { Stage::Optimising } else { Stage::Sampling };
         let row = find_study(work.db, study).await?;
@@ -82,8 +84,8 @@ pub(super) async fn find_by_idempotency_key(
 async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreError> {
     let inserted = sqlx::query(
         "insert into studies (id, name, spec, stage, condition, samples, next_sample, optimisations,
-                              created_ms, idempotency_key, spec_digest, solver_version)
-         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8, ?9)",
+                              created_ms, idempotency_key, spec_digest, solver_version, submitted_by)
+         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
     )
     .bind(study.id.0.as_bytes().as_slice())
     .bind(&study.name)
@@ -94,6 +96,7 @@ async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreE
     .bind(&study.idempotency_key)
     .bind(study.digest.as_slice())
     .bind(SOLVER_VERSION)
+    .bind(&study.by)
     .execute(&mut *work.db)
     .await?;
     Ok(inserted.last_insert_rowid())

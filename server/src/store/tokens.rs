@@ -17,16 +17,18 @@ pub(crate) struct TokenRow {
 impl Store {
     /// The tokens which allow something.
     pub(crate) async fn tokens(&self) -> Result<Vec<Known>, StoreError> {
-        let rows: Vec<(Vec<u8>, String)> = sqlx::query_as("select hash, scopes from tokens where revoked_ms is null")
-            .fetch_all(self.readers())
-            .await?;
-        rows.into_iter().map(|(hash, scopes)| known(&hash, &scopes)).collect()
+        let rows: Vec<(Vec<u8>, String, String)> =
+            sqlx::query_as("select hash, name, scopes from tokens where revoked_ms is null")
+                .fetch_all(self.readers())
+                .await?;
+        rows.into_iter().map(|(hash, name, scopes)| known(&hash, &name, &scopes)).collect()
     }
 }
 
-fn known(hash: &[u8], scopes: &str) -> Result<Known, StoreError> {
+fn known(hash: &[u8], name: &str, scopes: &str) -> Result<Known, StoreError> {
     let hash: [u8; 32] = hash.try_into().map_err(|_| StoreError::Corrupt("the hash of a token is cut".into()))?;
-    Ok((TokenHash::from_bytes(hash), Scopes::parse(scopes).map_err(StoreError::Corrupt)?))
+    let scopes = Scopes::parse(scopes).map_err(StoreError::Corrupt)?;
+    Ok(Known { hash: TokenHash::from_bytes(hash), name: name.into(), scopes })
 }
 
 /// Stores a token; false where there is one of this name, or was.

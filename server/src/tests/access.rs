@@ -39,6 +39,9 @@ async fn without_a_valid_token_nothing_but_health_is_told() {
         }
     }
     assert_eq!(ask(&bench, "GET", "/v1/studies", Some(secret.reveal()), String::new()).await.status, 200);
+    let metrics = ask(&bench, "GET", "/metrics", Some(secret.reveal()), String::new()).await;
+    let text = String::from_utf8(metrics.body.to_vec()).expect("text");
+    assert!(text.contains("manduca_requests_turned_away_total{reason=\"no_valid_token\"} 12"), "{text}");
     let other_scheme = Request::get("/v1/studies").header("authorization", format!("Basic {}", secret.reveal()));
     bench.send(other_scheme.body(Body::empty()).expect("a request")).await.problem(401, "unauthenticated");
 }

@@ -53,6 +53,35 @@ async fn every_format_has_every_row_in_order() {
 }
 
 #[tokio::test]
+async fn provenance_names_who_computed_each_row_in_every_format() {
+    let (bench, study) = flown(false).await;
+    let rows = bench.get(&format!("{study}/dataset?provenance=true")).await.json();
+    let by = &rows[3]["computed_by"];
+    assert_eq!((&by["worker_name"], &by["job"], by.get("token")), (&json!("w"), &json!(4), None), "{by}");
+    assert_eq!(rows[3]["provenance"], json!({ "wall_s": 2.0, "level": "test" }));
+    let csv = bench.get(&format!("{study}/dataset?provenance=true&format=csv")).await;
+    let text = String::from_utf8(csv.body.to_vec()).expect("text");
+    let lines: Vec<_> = text.lines().collect();
+    assert!(lines[0].ends_with(",solver_version,computed_job,worker,worker_name,token,level,wall_s"), "{}", lines[0]);
+    let worker = by["worker"].as_str().expect("an id");
+    assert!(lines[4].ends_with(&format!(",4,{worker},w,,test,2.0")), "{}", lines[4]);
+    let (plain, told) = (parquet(&bench, &study, "").await, parquet(&bench, &study, "&provenance=true").await);
+    assert_eq!(told.0.schema().fields().len(), plain.0.schema().fields().len() + 6);
+    let names = told.0.column_by_name("worker_name").expect("a column").as_string::<i32>();
+    assert!(names.iter().all(|name| name == Some("w")));
+    assert_eq!(told.1, plain.1, "the digest is of the numbers");
+}
+
+/// The rows of a Parquet dataset, and the digest it says.
+async fn parquet(bench: &Bench, study: &str, query: &str) -> (RecordBatch, Option<String>) {
+    let answer = bench.get(&format!("{study}/dataset?format=parquet{query}")).await;
+    let reader = ParquetRecordBatchReaderBuilder::try_new(answer.body).expect("a Parquet file");
+    let facts = reader.metadata().file_metadata().key_value_metadata().cloned().unwrap_or_default();
+    let digest = facts.into_iter().find(|fact| fact.key == "manduca.dataset_blake3").and_then(|fact| fact.value);
+    (reader.build().expect("reads").next().expect("rows").expect("a batch"), digest)
+}
+
+#[tokio::test]
 async fn the_same_study_flown_elsewhere_gives_the_same_bytes() {
     let ((here, study), (there, same)) = (flown(false).await, flown(true).await);
     for format in ["json", "ndjson", "csv"] {

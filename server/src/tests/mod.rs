@@ -11,6 +11,7 @@ mod direct;
 mod front;
 mod fuzz;
 mod http;
+mod identity;
 mod long_poll;
 mod look;
 mod overview;

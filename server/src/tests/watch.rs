@@ -38,7 +38,7 @@ async fn every_state_of_a_job_is_explained() {
     bench.pass(1.0).await;
     let lease = bench.claim(&worker, 1).await.remove(0);
     bench.complete(&worker, &lease, result(&lease)).await;
-    assert_eq!(because(&bench, &id).await, ("succeeded".into(), "it is done".into()));
+    assert_eq!(because(&bench, &id).await, ("succeeded".into(), "it is done: computed by worker `busy`".into()));
     bench.get("/v1/jobs/999/explain").await.problem(404, "unknown-job");
 }
 

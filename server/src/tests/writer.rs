@@ -20,7 +20,7 @@ impl Operation for WriteAndThen {
 }
 
 fn register(name: &str) -> Register {
-    Register { worker: WorkerId::new(), name: name.into(), slots: 1, level: "test".into() }
+    Register { worker: WorkerId::new(), name: name.into(), slots: 1, level: "test".into(), token: None }
 }
 
 #[tokio::test]
