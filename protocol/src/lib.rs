@@ -1,6 +1,7 @@
 //! Every message of manduca that crosses HTTP, its ids and its errors, and the
 //! one checked conversion ([`resolve`]) into what the science accepts.
 
+mod flat;
 pub mod flight;
 pub mod front;
 pub mod history;

@@ -3,6 +3,13 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// Most faults told of one request; how many more there are is told in one line.
+pub const MOST_FAULTS: usize = 100;
+/// Longest pointer told, characters.
+const LONGEST_POINTER: usize = 300;
+/// Longest detail told, characters.
+const LONGEST_DETAIL: usize = 1000;
+
 /// One bad field.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FieldProblem {
@@ -13,10 +20,43 @@ pub struct FieldProblem {
 }
 
 impl FieldProblem {
-    /// A problem at a pointer.
+    /// A problem at a pointer. Either text is cut where it is longer than anyone reads: names come from the client.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), detail: detail.into() }
+        Self { pointer: cut(pointer.into(), LONGEST_POINTER), detail: cut(detail.into(), LONGEST_DETAIL) }
     }
+
+    /// Tells that there are so many faults beside those listed.
+    pub fn more(count: usize) -> Self {
+        Self::new("", format!("and {count} more"))
+    }
+
+    fn is_more(&self) -> bool {
+        self.pointer.is_empty() && self.detail.starts_with("and ") && self.detail.ends_with(" more")
+    }
+}
+
+/// A text of at most so many characters and an ellipsis.
+fn cut(mut text: String, most: usize) -> String {
+    if let Some((end, _)) = text.char_indices().nth(most) {
+        text.truncate(end);
+        text.push('…');
+        text.shrink_to_fit();
+    }
+    text
+}
+
+/// The first [`MOST_FAULTS`] of these, and how many more there are.
+pub fn bounded(faults: impl IntoIterator<Item = FieldProblem>) -> Vec<FieldProblem> {
+    let mut faults = faults.into_iter();
+    let mut told: Vec<_> = faults.by_ref().take(MOST_FAULTS).collect();
+    let rest: Vec<_> = faults.by_ref().take(1).collect();
+    match (rest.len() + faults.count(), rest.into_iter().next()) {
+        (0, _) => {}
+        // Bounded before.
+        (1, Some(last)) if last.is_more() => told.push(last),
+        (more, _) => told.push(FieldProblem::more(more)),
+    }
+    told
 }
 
 impl std::fmt::Display for FieldProblem {
@@ -50,5 +90,26 @@ impl std::fmt::Display for Problem {
             write!(f, "\n  {error}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hundred_faults_are_told_and_the_rest_counted() {
+        let faults = |n: usize| (0..n).map(|i| FieldProblem::new(format!("/{i}"), "is wrong"));
+        assert_eq!(bounded(faults(100)).len(), 100);
+        assert_eq!(bounded(faults(101))[100].detail, "and 1 more");
+        let told = bounded(faults(60_000));
+        assert_eq!((told.len(), told[100].to_string().as_str()), (101, "/: and 59900 more"));
+        assert_eq!(bounded(told.clone()), told, "once bounded, it stays as it is");
+    }
+
+    #[test]
+    fn names_as_long_as_a_body_are_cut() {
+        let told = FieldProblem::new("ü".repeat(100_000), "x".repeat(100_000));
+        assert_eq!((told.pointer.chars().count(), told.detail.chars().count()), (301, 1001));
     }
 }

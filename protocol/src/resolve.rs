@@ -15,7 +15,7 @@ use manduca_numerics::table::Table;
 use manduca_numerics::{quasi_steady, uvlm};
 
 use crate::point::ParameterValues;
-use crate::problem::FieldProblem;
+use crate::problem::{FieldProblem, MOST_FAULTS};
 use crate::study::{
     ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateKind, SurrogateSpec,
     TrainMethod,
@@ -44,14 +44,24 @@ pub const MAX_REFINING: u32 = 5_000;
 /// Largest seed: what every JSON reader holds exactly.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
-/// The faults found so far and where we are.
+/// The faults found so far, and how many are only counted.
+#[derive(Default)]
 struct Faults {
     found: Vec<FieldProblem>,
+    more: usize,
 }
 
 impl Faults {
     fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
-        self.found.push(FieldProblem::new(pointer, detail));
+        if self.found.len() < MOST_FAULTS {
+            self.found.push(FieldProblem::new(pointer, detail));
+        } else {
+            self.more += 1;
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.found.len() + self.more
     }
 
     fn within(&mut self, pointer: &str, value: f64, min: f64, max: f64) {
@@ -60,7 +70,10 @@ impl Faults {
         }
     }
 
-    fn finish<T>(self, value: T) -> Result<T, Vec<FieldProblem>> {
+    fn finish<T>(mut self, value: T) -> Result<T, Vec<FieldProblem>> {
+        if self.more > 0 {
+            self.found.push(FieldProblem::more(self.more));
+        }
         if self.found.is_empty() { Ok(value) } else { Err(self.found) }
     }
 }
@@ -145,19 +158,19 @@ fn model_at(spec: &ModelSpec, at: &str, faults: &mut Faults) -> ResolvedModel {
             .add(format!("{at}/insect"), format!("unknown preset `{}`; known are {}", spec.insect, PRESETS.join(", ")));
         Insect::default()
     });
-    let before = faults.found.len();
+    let before = faults.count();
     set_all(&mut insect, &spec.insect_changes, &format!("{at}/insect_changes"), faults);
-    if faults.found.len() == before
+    if faults.count() == before
         && let Err((field, why)) = insect.check()
     {
         faults.add(format!("{at}/insect_changes/{field}"), why);
     }
-    let before = faults.found.len();
+    let before = faults.count();
     let model = match spec.kind {
         ModelKind::Uvlm => {
             let mut settings = uvlm::Settings::default();
             set_all(&mut settings, &spec.solver, &format!("{at}/solver"), faults);
-            if faults.found.len() == before
+            if faults.count() == before
                 && let Err((field, why)) = settings.check()
             {
                 faults.add(format!("{at}/solver/{field}"), why);
@@ -187,7 +200,7 @@ fn model_at(spec: &ModelSpec, at: &str, faults: &mut Faults) -> ResolvedModel {
 /// # Errors
 /// Every fault with its JSON pointer below `at`.
 pub fn model(spec: &ModelSpec, at: &str) -> Result<ResolvedModel, Vec<FieldProblem>> {
-    let mut faults = Faults { found: Vec::new() };
+    let mut faults = Faults::default();
     let model = model_at(spec, at, &mut faults);
     faults.finish(model)
 }
@@ -197,7 +210,7 @@ pub fn model(spec: &ModelSpec, at: &str) -> Result<ResolvedModel, Vec<FieldProbl
 /// # Errors
 /// Every fault with its JSON pointer below `at`.
 pub fn parameters(values: &ParameterValues, at: &str) -> Result<(), Vec<FieldProblem>> {
-    let mut faults = Faults { found: Vec::new() };
+    let mut faults = Faults::default();
     for (p, &value) in TABLE.iter().zip(&values.0) {
         faults.within(&format!("{at}/{}", p.name), value, p.least, p.most);
     }
@@ -325,7 +338,7 @@ fn optimisation_at(
 /// # Errors
 /// Every fault with its JSON pointer.
 pub fn surrogate(spec: &SurrogateSpec, samples: u32, seed: u64) -> Result<TrainSettings, Vec<FieldProblem>> {
-    let mut faults = Faults { found: Vec::new() };
+    let mut faults = Faults::default();
     let settings = surrogate_at(spec, samples, seed, &mut faults);
     faults.finish(settings)
 }
@@ -339,7 +352,7 @@ pub fn optimisation(
     study: &Bounds,
     seed: u64,
 ) -> Result<ResolvedOptimisation, Vec<FieldProblem>> {
-    let mut faults = Faults { found: Vec::new() };
+    let mut faults = Faults::default();
     let optimisation = optimisation_at(spec, study, seed, "", &mut faults);
     faults.finish(optimisation)
 }
@@ -356,7 +369,7 @@ fn name_at(name: &str, at: &str, faults: &mut Faults) {
 /// # Errors
 /// Every fault with its JSON pointer.
 pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
-    let mut faults = Faults { found: Vec::new() };
+    let mut faults = Faults::default();
     name_at(&spec.name, "/name", &mut faults);
     if spec.description.chars().count() > 10_000 {
         faults.add("/description", "is longer than 10000 characters");

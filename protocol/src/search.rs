@@ -5,6 +5,7 @@ use manduca_numerics::refine::Region;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::flat;
 use crate::point::ParameterValues;
 use crate::study::{ModelSpec, OptimisationSpec};
 use crate::task::{BoundsMessage, OptimiseResult, Scaled, ScaledEstimates, SurrogateMessage};
@@ -41,7 +42,7 @@ pub struct SearchTask {
 
 /// Which search, and what it carries from round to round.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "search", rename_all = "kebab-case")]
+#[serde(tag = "search", rename_all = "kebab-case", try_from = "flat::StateFields")]
 pub enum SearchState {
     /// A genetic algorithm whose fitness is flown.
     Breed(BreedState),
@@ -120,7 +121,7 @@ pub struct SearchResult {
 
 /// What follows a round of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "next", rename_all = "kebab-case")]
+#[serde(tag = "next", rename_all = "kebab-case", try_from = "flat::NextFields")]
 pub enum SearchNext {
     /// These strokes are to be flown, then comes the next round.
     Fly {

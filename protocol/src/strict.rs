@@ -7,7 +7,7 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error, MapAccess, Visitor};
+use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 /// Reads an object, which must not be a list.
@@ -62,6 +62,47 @@ pub(crate) fn map<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
         }
     }
     deserializer.deserialize_map(Entries(PhantomData))
+}
+
+/// Most entries of a list with one per network or output.
+const FEW: usize = 64;
+/// Most individuals of a generation which survive.
+const MOST_SURVIVORS: usize = 4 * crate::resolve::MAX_FLOWN_POPULATION as usize;
+
+/// Reads a list of at most so many items; one which is longer is refused where it becomes so.
+pub(crate) fn list<'de, const MOST: usize, T: Deserialize<'de>, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    struct Items<const MOST: usize, T>(PhantomData<T>);
+    impl<'de, const MOST: usize, T: Deserialize<'de>> Visitor<'de> for Items<MOST, T> {
+        type Value = Vec<T>;
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "a list of at most {MOST} items")
+        }
+        fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Vec<T>, A::Error> {
+            let mut read = Vec::new();
+            while let Some(item) = items.next_element()? {
+                if read.len() == MOST {
+                    return Err(A::Error::custom(format!("has more than {MOST} items")));
+                }
+                read.push(item);
+            }
+            Ok(read)
+        }
+    }
+    deserializer.deserialize_seq(Items::<MOST, T>(PhantomData))
+}
+
+/// Reads a list with an entry per network or output, where one is given.
+pub(crate) fn few_given<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<Vec<T>>, D::Error> {
+    list::<FEW, T, D>(deserializer).map(Some)
+}
+
+/// Reads the fitness of survivors, where it is given.
+pub(crate) fn elite_given<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Option<f64>>>, D::Error> {
+    list::<MOST_SURVIVORS, Option<f64>, D>(deserializer).map(Some)
 }
 
 #[cfg(test)]

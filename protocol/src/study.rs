@@ -2,7 +2,9 @@
 //! default shown here; whatever is unknown is refused.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
+use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use utoipa::ToSchema;
 
@@ -41,13 +43,45 @@ pub struct StudySpec {
 }
 
 /// Bounds or a held value.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged, expecting = "expected a number, which holds the parameter, or [low, high]")]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+// Read by an implementation below: that of serde would keep whatever else is given in memory.
+#[serde(untagged)]
 pub enum Range {
     /// Held at this value.
     Held(f64),
     /// Free between low and high.
     Between([f64; 2]),
+}
+
+impl<'de> Deserialize<'de> for Range {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Given;
+        impl<'de> Visitor<'de> for Given {
+            type Value = Range;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, which holds the parameter, or [low, high]")
+            }
+            fn visit_f64<E: Error>(self, value: f64) -> Result<Range, E> {
+                Ok(Range::Held(value))
+            }
+            fn visit_i64<E: Error>(self, value: i64) -> Result<Range, E> {
+                Ok(Range::Held(value as f64))
+            }
+            fn visit_u64<E: Error>(self, value: u64) -> Result<Range, E> {
+                Ok(Range::Held(value as f64))
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut ends: A) -> Result<Range, A::Error> {
+                let length = |n| A::Error::invalid_length(n, &self);
+                let low = ends.next_element()?.ok_or_else(|| length(0))?;
+                let high = ends.next_element()?.ok_or_else(|| length(1))?;
+                match ends.next_element::<IgnoredAny>()? {
+                    Some(_) => Err(length(3)),
+                    None => Ok(Range::Between([low, high])),
+                }
+            }
+        }
+        deserializer.deserialize_any(Given)
+    }
 }
 
 /// Which aerodynamic model.

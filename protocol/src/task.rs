@@ -4,6 +4,7 @@ use manduca_numerics::simulation;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::flat;
 use crate::point::ParameterValues;
 use crate::search::{SearchResult, SearchTask};
 use crate::study::ModelSpec;
@@ -82,7 +83,7 @@ pub struct BoundsMessage {
 
 /// Where a long job can be taken up again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
+#[serde(tag = "kind", rename_all = "kebab-case", try_from = "flat::CheckpointFields")]
 pub enum Checkpoint {
     /// Of a training of networks.
     Train(Box<TrainCheckpoint>),
@@ -92,7 +93,7 @@ pub enum Checkpoint {
 
 /// What a job returns.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
+#[serde(tag = "kind", rename_all = "kebab-case", try_from = "flat::ResultFields")]
 pub enum JobResult {
     /// Of a simulation.
     Simulate(Box<SimulateResult>),
@@ -201,6 +202,7 @@ pub enum SimulateOutcome {
 /// A simulation's result. Where and how long it took travels beside it, in
 /// [`Provenance`], so that equal simulations have equal results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(try_from = "flat::SimulateFields")]
 pub struct SimulateResult {
     /// What it says.
     #[serde(flatten)]

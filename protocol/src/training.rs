@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::flat;
 use crate::study::{ModelSpec, SurrogateSpec};
 use crate::task::{BoundsMessage, Scaled};
 
@@ -57,7 +58,7 @@ pub struct NetworkMessage {
 
 /// How the networks' inputs and outputs stand to strokes and their means.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "features", rename_all = "kebab-case")]
+#[serde(tag = "features", rename_all = "kebab-case", try_from = "flat::FrameFields")]
 pub enum FrameMessage {
     /// The ten parameters to L+, D+, M+, P+.
     Paper,

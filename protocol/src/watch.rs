@@ -57,7 +57,7 @@ pub struct Explanation {
     pub state: JobState,
     /// In sentences.
     pub because: Vec<String>,
-    /// Ready jobs which are leased before it, where it is ready.
+    /// Ready jobs which are leased before it, about, where it is ready: running studies share the slots.
     pub jobs_ahead: Option<u64>,
     /// Until it may be leased again, s, where it is delayed.
     pub waits_s: Option<f64>,

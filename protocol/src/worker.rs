@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::ids::{JobId, StudyId, WorkerId};
+use crate::strict;
 use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
@@ -12,6 +13,8 @@ pub const PROTOCOL_VERSION: u32 = 3;
 pub const OLDEST_PROTOCOL_VERSION: u32 = 1;
 /// Most items in any list of an exchange.
 pub const MAX_BATCH: usize = 1000;
+/// Items of a list of an exchange at which it is not read any further; from [`MAX_BATCH`] on it is refused as a whole.
+const MOST_LISTED: usize = 4 * MAX_BATCH;
 /// Longest wait for work, s.
 pub const MAX_WAIT_S: f64 = 30.0;
 
@@ -47,13 +50,13 @@ pub struct RegisterResponse {
 #[serde(deny_unknown_fields)]
 pub struct ExchangeRequest {
     /// Finished jobs.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::list::<MOST_LISTED, _, _>")]
     pub complete: Vec<Completion>,
     /// Failed attempts.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::list::<MOST_LISTED, _, _>")]
     pub fail: Vec<Failure>,
     /// Jobs still computing.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "strict::list::<MOST_LISTED, _, _>")]
     pub renew: Vec<Renewal>,
     /// Every job it has, where an answer was lost which may have brought some: what is leased
     /// to it and not among these is given to it again, as the same attempt. Since version 2.

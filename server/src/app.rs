@@ -7,13 +7,19 @@ use axum::middleware::from_fn_with_state;
 
 use crate::auth::guard;
 use crate::error::ApiError;
+use crate::heavy::heavy;
 use crate::routes;
 use crate::state::AppState;
 
 /// The whole service without a socket.
 pub fn app(state: AppState) -> Router {
     static ROUTES: OnceLock<Router<AppState>> = OnceLock::new();
-    ROUTES.get_or_init(all_routes).clone().layer(from_fn_with_state(state.clone(), guard)).with_state(state)
+    ROUTES
+        .get_or_init(all_routes)
+        .clone()
+        .layer(from_fn_with_state(state.clone(), heavy))
+        .layer(from_fn_with_state(state.clone(), guard))
+        .with_state(state)
 }
 
 /// The routes know nothing of a state yet; to describe them takes longer than to serve some requests.

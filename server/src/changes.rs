@@ -68,6 +68,12 @@ impl Changes {
         Some(Watcher { told: self.told.subscribe(), seen: None, _place: place })
     }
 
+    /// The version of the last change of a study, or one after it.
+    pub(crate) fn version_of(&self, study: StudyId) -> u64 {
+        let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        latest.studies.get(&study).copied().unwrap_or(latest.floor)
+    }
+
     /// What changed after a version.
     fn since(&self, seen: u64) -> (u64, ChangeMessage) {
         let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);

@@ -51,11 +51,15 @@ pub struct Config {
     pub connections: usize,
     /// How long a request's body may take to arrive.
     pub body_wait: Duration,
-    /// Largest body of a study, bytes.
+    /// Largest body of a study, an optimisation, a stroke or a registration, bytes. The largest study
+    /// there can be, written with all its fields and every character escaped, has 200 KiB.
     pub study_limit: usize,
-    /// Largest body of an exchange, bytes: a trained network is in one.
+    /// Largest body of an exchange, bytes: a thousand results of simulations have 1.3 MiB.
     pub exchange_limit: usize,
-    /// Largest body of anything else, bytes.
+    /// Largest body of an exchange by a worker with a job which is no simulation, bytes: the largest
+    /// training there can be has 33 MiB.
+    pub large_limit: usize,
+    /// Largest body of points to predict, bytes.
     pub body_limit: usize,
     /// Connections which only read.
     pub readers: u32,
@@ -89,8 +93,9 @@ impl Config {
             header_limit: 16 << 10,
             connections: 10_000,
             body_wait: Duration::from_secs(30),
-            study_limit: 10 << 20,
-            exchange_limit: 64 << 20,
+            study_limit: 256 << 10,
+            exchange_limit: 4 << 20,
+            large_limit: 64 << 20,
             body_limit: 2 << 20,
             readers: 4,
             evidence: 1000,

@@ -4,12 +4,11 @@
 use axum::Json;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::problem::{FieldProblem, Problem, bounded};
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 use crate::auth::Scope;
 use crate::store::StoreError;
-use crate::turn::QUEUE;
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -106,9 +105,12 @@ pub enum ApiError {
         /// The coordinator's.
         ours: &'static str,
     },
-    /// As many strokes and fronts wait to be computed as may.
-    #[error("{QUEUE} strokes or fronts wait to be computed already; try again")]
+    /// As many such requests wait as may.
+    #[error("as many requests of this kind wait already as may; try again")]
     Busy,
+    /// There is no memory for the body now.
+    #[error("too many large requests come at once; try again")]
+    Crowded,
     /// The coordinator ends before it could answer.
     #[error("the coordinator is stopping; try again")]
     Stopping,
@@ -165,6 +167,7 @@ impl ApiError {
             }
             Self::SolverVersion { .. } => (S::CONFLICT, "solver-version", "Another version of the solver"),
             Self::Busy => (S::TOO_MANY_REQUESTS, "busy", "Too many wait"),
+            Self::Crowded => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::Stopping => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::Unavailable(_) => (S::SERVICE_UNAVAILABLE, "unavailable", "Not available now"),
             Self::TooManyWatchers { .. } => (S::SERVICE_UNAVAILABLE, "too-many-watchers", "Too many watchers"),
@@ -179,7 +182,7 @@ impl ApiError {
             | Self::MalformedToml(errors)
             | Self::InvalidStudy(errors)
             | Self::InvalidRequest(errors)
-            | Self::InvalidQuery(errors) => errors.clone(),
+            | Self::InvalidQuery(errors) => bounded(errors.iter().cloned()),
             Self::IdempotencyKeyReused => {
                 vec![FieldProblem::new("/headers/idempotency-key", "came with another study before")]
             }
@@ -246,7 +249,7 @@ impl ApiError {
     /// The header a client needs to do better.
     fn hint(&self) -> Option<(HeaderName, HeaderValue)> {
         match self {
-            Self::Unavailable(_) | Self::Busy | Self::Stopping => {
+            Self::Unavailable(_) | Self::Busy | Self::Crowded | Self::Stopping => {
                 Some((header::RETRY_AFTER, HeaderValue::from_static("1")))
             }
             Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use manduca_protocol::ids::WorkerId;
 use manduca_protocol::view::JobRole;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
@@ -12,6 +13,9 @@ use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock};
 use crate::config::Config;
 use crate::event::Event;
+use crate::heavy::Heavy;
+use crate::large::Large;
+use crate::memory::{Memory, Waits};
 use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::serve::ServerError;
@@ -36,6 +40,9 @@ struct Inner {
     refusals: Arc<Refusals>,
     metrics: Arc<Metrics>,
     turns: Turns,
+    memory: Memory,
+    large: Large,
+    heavy: Heavy,
 }
 
 /// Opens the store and starts what runs beside the requests: the writer and the
@@ -71,6 +78,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     tokio::spawn(sweep(store.clone(), config.clone(), refusals.clone(), stopping.clone()));
     Ok(AppState {
         inner: Arc::new(Inner {
+            heavy: Heavy::new(processors(), config.readers),
             config,
             clock,
             store,
@@ -82,8 +90,15 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             refusals,
             metrics,
             turns: Turns::default(),
+            memory: Memory::new(processors(), Waits::default()),
+            large: Large::default(),
         }),
     })
+}
+
+/// Processors there are.
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// What follows a commit outside the store.
@@ -178,6 +193,33 @@ impl AppState {
     /// Strokes flown here.
     pub(crate) fn turns(&self) -> &Turns {
         &self.inner.turns
+    }
+
+    /// Memory for the bodies of requests.
+    pub(crate) fn memory(&self) -> &Memory {
+        &self.inner.memory
+    }
+
+    /// Turns at reads which take long.
+    pub(crate) fn heavy(&self) -> &Heavy {
+        &self.inner.heavy
+    }
+
+    /// Notes that a worker has a job whose result may be large.
+    pub(crate) fn note_large(&self, worker: WorkerId) {
+        self.inner.large.note(worker);
+    }
+
+    /// Whether a worker has a job whose result may be large, or had one a short while ago.
+    ///
+    /// # Errors
+    /// When the store cannot tell.
+    pub(crate) async fn may_send_large(&self, worker: WorkerId) -> Result<bool, StoreError> {
+        if self.store().holds_large(worker).await? {
+            self.note_large(worker);
+            return Ok(true);
+        }
+        Ok(self.inner.large.had_lately(worker))
     }
 
     /// Told whenever jobs become ready.

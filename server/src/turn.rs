@@ -3,15 +3,16 @@
 
 use std::collections::VecDeque;
 use std::error::Error;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use axum::body::Bytes;
 use manduca_protocol::flight::WakeChoice;
 use manduca_protocol::ids::StudyId;
-use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::error::ApiError;
+use crate::fair::{Asker, Fair};
 
 /// How many wait for the one that is computed.
 pub(crate) const QUEUE: usize = 8;
@@ -27,41 +28,42 @@ pub(crate) enum Key {
     Front(StudyId, Option<String>, usize, u32),
 }
 
+/// How long one waits at most: all before it may take half a minute each.
+const PATIENCE: Duration = Duration::from_secs(600);
+
 /// Those whose turn it is, those who wait, and what was answered.
 #[derive(Debug)]
 pub(crate) struct Turns {
-    running: Arc<Semaphore>,
-    places: Arc<Semaphore>,
+    turns: Fair,
     answers: Mutex<VecDeque<(Key, Bytes)>>,
 }
 
 impl Default for Turns {
     fn default() -> Self {
-        let (running, places) = (Arc::new(Semaphore::new(1)), Arc::new(Semaphore::new(1 + QUEUE)));
-        Self { running, places, answers: Mutex::default() }
+        Self { turns: Fair::new(1, QUEUE, PATIENCE), answers: Mutex::default() }
     }
 }
 
 impl Turns {
     /// Computes an answer, unless it is known, on a thread of its own; `compute` asks now and then whether to go on,
     /// and gives none where it was not to. A client which hangs up stops it, and so does a coordinator which is
-    /// `stopping`.
+    /// `stopping`. Askers take turns.
     ///
     /// # Errors
     /// When too many wait, the coordinator stops, or `compute` fails.
     pub(crate) async fn take<E: Error + Send + Sync + 'static>(
         &self,
         key: Key,
+        asker: Asker,
         stopping: &CancellationToken,
         compute: impl FnOnce(&dyn Fn() -> bool) -> Result<Option<Bytes>, E> + Send + 'static,
     ) -> Result<Bytes, ApiError> {
         if let Some(known) = self.known(&key) {
             return Ok(known);
         }
-        let place = self.places.clone().try_acquire_owned().map_err(|_| ApiError::Busy)?;
         let turn = tokio::select! {
             () = stopping.cancelled() => return Err(ApiError::Stopping),
-            turn = self.running.clone().acquire_owned() => turn.map_err(|_| ApiError::Stopping)?,
+            turn = self.turns.take(asker) => turn?,
         };
         // The same may have been asked for while this one waited.
         if let Some(known) = self.known(&key) {
@@ -72,7 +74,7 @@ impl Turns {
         let computing = tokio::task::spawn_blocking(move || {
             let computed = compute(&|| !stop.is_cancelled());
             // Held until it has ended, whoever still waits for it.
-            drop((place, turn));
+            drop(turn);
             computed
         });
         let computed = computing.await.map_err(|e| ApiError::Internal(Box::new(e)))?;

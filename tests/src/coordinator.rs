@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 use crate::client::Client;
 use crate::process::Process;
-use crate::program::manduca;
+use crate::program::{manduca, manduca_within};
 use crate::wait_for;
 
 /// Ports are taken from here upwards: below those an outgoing connection gets
@@ -30,6 +30,8 @@ pub struct Coordinator {
     starts: u32,
     arguments: Vec<String>,
     environment: Vec<(String, String)>,
+    /// Most address space it may have, bytes.
+    space: Option<u64>,
 }
 
 impl Deref for Coordinator {
@@ -43,20 +45,25 @@ impl Deref for Coordinator {
 impl Coordinator {
     /// Starts one on a fresh database and waits until it is ready.
     pub fn start() -> Self {
-        Self::prepared(&[], |_| Vec::new())
+        Self::prepared(&[], None, |_| Vec::new())
+    }
+
+    /// [`Coordinator::start`] with so much address space, bytes: a request for more memory ends it.
+    pub fn start_within(space: u64) -> Self {
+        Self::prepared(&[], Some(space), |_| Vec::new())
     }
 
     /// [`Coordinator::start`] with further arguments of `serve`.
     pub fn start_serving(arguments: &[&str]) -> Self {
-        Self::prepared(arguments, |_| Vec::new())
+        Self::prepared(arguments, None, |_| Vec::new())
     }
 
     /// [`Coordinator::start`] with an environment which depends on its folder.
     pub fn start_with(environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
-        Self::prepared(&[], environment)
+        Self::prepared(&[], None, environment)
     }
 
-    fn prepared(arguments: &[&str], environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
+    fn prepared(arguments: &[&str], space: Option<u64>, environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
         loop {
             // Another process may take the port first; then the next one is tried.
             let address = format!("127.0.0.1:{}", free_port());
@@ -64,8 +71,8 @@ impl Coordinator {
             let client = Client::new(&format!("http://{address}"));
             let arguments: Vec<String> = arguments.iter().map(ToString::to_string).collect();
             let environment = environment(folder.path());
-            let process = serve(folder.path(), &address, 1, &arguments, &environment);
-            let mut coordinator = Self { process, client, address, folder, starts: 1, arguments, environment };
+            let process = serve(folder.path(), &address, 1, &arguments, &environment, space);
+            let mut coordinator = Self { process, client, address, folder, starts: 1, arguments, environment, space };
             if coordinator.becomes_ready() {
                 return coordinator;
             }
@@ -99,7 +106,8 @@ impl Coordinator {
     pub fn try_restart(&mut self) -> bool {
         self.process.kill();
         self.starts += 1;
-        self.process = serve(self.folder.path(), &self.address, self.starts, &self.arguments, &self.environment);
+        let Self { folder, address, starts, arguments, environment, space, .. } = &*self;
+        self.process = serve(folder.path(), address, *starts, arguments, environment, *space);
         let Self { process, client, .. } = self;
         wait_for("a coordinator which is ready again", || {
             if process.ended().is_some() {
@@ -134,6 +142,16 @@ impl Coordinator {
     /// Most memory it has had since it was last started, bytes.
     pub fn peak_memory(&self) -> u64 {
         self.process.peak_memory()
+    }
+
+    /// Memory it has now, bytes.
+    pub fn memory(&self) -> u64 {
+        self.process.memory()
+    }
+
+    /// Lets [`Coordinator::peak_memory`] begin anew.
+    pub fn forget_peak(&self) {
+        self.process.forget_peak();
     }
 
     /// Its folder; the database is in `data`.
@@ -229,11 +247,22 @@ pub fn text(value: &Value) -> String {
     value.as_str().unwrap_or_else(|| panic!("{value} is no string")).to_owned()
 }
 
-fn serve(folder: &Path, address: &str, start: u32, arguments: &[String], environment: &[(String, String)]) -> Process {
+fn serve(
+    folder: &Path,
+    address: &str,
+    start: u32,
+    arguments: &[String],
+    environment: &[(String, String)],
+    space: Option<u64>,
+) -> Process {
     let data = folder.join("data");
     fs::create_dir_all(&data).expect("a folder can be made");
     let data = data.to_str().expect("a temporary folder has a plain name");
-    let mut command = manduca(&["serve", "--listen", address, "--data", data]);
+    let serve = ["serve", "--listen", address, "--data", data];
+    let mut command = match space {
+        Some(space) => manduca_within(space, &serve),
+        None => manduca(&serve),
+    };
     command.args(arguments).envs(environment.iter().map(|(name, value)| (name, value)));
     Process::start(command, folder, &format!("serve-{start}"))
 }

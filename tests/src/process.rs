@@ -34,8 +34,28 @@ impl Process {
     /// # Panics
     /// Where the system does not tell (Linux does), or once it has ended.
     pub fn peak_memory(&self) -> u64 {
+        self.status_bytes("VmHWM:")
+    }
+
+    /// Memory it has now, bytes: `VmRSS`.
+    ///
+    /// # Panics
+    /// As [`Process::peak_memory`].
+    pub fn memory(&self) -> u64 {
+        self.status_bytes("VmRSS:")
+    }
+
+    /// Forgets how much memory it has had: [`Process::peak_memory`] is that from now on.
+    ///
+    /// # Panics
+    /// Where the system does not let it (Linux does).
+    pub fn forget_peak(&self) {
+        fs::write(format!("/proc/{}/clear_refs", self.child.id()), "5").expect("the system forgets");
+    }
+
+    fn status_bytes(&self, name: &str) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("it runs");
-        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("the system tells");
+        let line = status.lines().find_map(|line| line.strip_prefix(name)).expect("the system tells");
         line.split_whitespace().next().and_then(|kib| kib.parse::<u64>().ok()).expect("a number") * 1024
     }
 

@@ -96,7 +96,22 @@ fn build(folder: &Path) {
 /// A command which starts the program, whatever the developer's environment says.
 pub fn manduca(arguments: &[&str]) -> Command {
     let mut command = Command::new(program());
-    command.args(arguments).stdin(Stdio::null());
+    command.args(arguments);
+    unaffected(command)
+}
+
+/// [`manduca`] with so much address space, bytes.
+pub fn manduca_within(space: u64, arguments: &[&str]) -> Command {
+    // The shell makes way for the program, which keeps its process id and its limit.
+    let mut command = Command::new("sh");
+    let limit = format!("ulimit -v {} && exec \"$0\" \"$@\"", space >> 10);
+    command.args(["-c", &limit]).arg(program()).args(arguments);
+    unaffected(command)
+}
+
+/// A command without what the developer's environment says.
+fn unaffected(mut command: Command) -> Command {
+    command.stdin(Stdio::null());
     for (name, _) in env::vars_os() {
         let text = name.to_string_lossy();
         if text.starts_with("MANDUCA_") || text == "RUST_LOG" || text.eq_ignore_ascii_case("http_proxy") {

@@ -5,4 +5,6 @@ pub(crate) mod body;
 pub(crate) mod connection;
 pub(crate) mod cursor;
 pub(crate) mod etag;
+pub(crate) mod parse;
 pub(crate) mod parts;
+pub(crate) mod scan;

@@ -6,7 +6,7 @@ use axum::Json;
 use axum::extract::State;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
-use manduca_protocol::task::JobResult;
+use manduca_protocol::task::{JobKind, JobResult};
 use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, MAX_BATCH, MAX_WAIT_S, Renewal};
 use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
@@ -16,11 +16,11 @@ use crate::auth::Caller;
 use crate::compose;
 use crate::config::Config;
 use crate::error::ApiError;
-use crate::http::body::JsonBody;
+use crate::http::body::HeldBody;
 use crate::http::parts::Id;
 use crate::prepare::prepare;
 use crate::state::AppState;
-use crate::store::{Exchange, Exchanged, Prepared, PreparedRenewal, StoreError};
+use crate::store::{Exchange, Exchanged, Prepared, PreparedRenewal, StoreError, kind_of};
 
 /// Most results of simulations prepared on a thread which serves: a millisecond's work.
 const FEW: usize = 128;
@@ -47,12 +47,14 @@ async fn exchange(
     State(state): State<AppState>,
     caller: Caller,
     Id(worker): Id<WorkerId>,
-    JsonBody(request): JsonBody<ExchangeRequest>,
+    HeldBody { value: request, held }: HeldBody<ExchangeRequest>,
 ) -> Result<Json<ExchangeResponse>, ApiError> {
     check(&request)?;
     let (want, wait) = (request.want, Duration::from_secs_f64(request.wait_s.min(MAX_WAIT_S)));
     let until = Instant::now() + wait;
     let (complete, renew) = prepare_all(request.complete, request.renew).await?;
+    // What is stored of it is compressed; a worker which waits for work holds no memory.
+    drop(held);
     // Listening starts before looking: a job which becomes ready in between is not missed.
     let mut notified = Box::pin(state.ready().notified());
     notified.as_mut().enable();
@@ -81,6 +83,9 @@ async fn exchange(
         notified.as_mut().enable();
         let news = state.store().exchange(Exchange::asking(worker, caller.clone(), give(want))).await?;
         (told.leased, told.drain) = (news.leased, news.drain);
+    }
+    if told.leased.iter().any(|leased| kind_of(leased.role) != JobKind::Simulate) {
+        state.note_large(worker);
     }
     Ok(Json(response(told, state.config())?))
 }

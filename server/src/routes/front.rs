@@ -11,7 +11,6 @@ use manduca_numerics::parameters::TABLE;
 use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::front::{FrontPointView, FrontSide, FrontView};
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::network;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::Problem;
 use manduca_protocol::resolve::{self, ResolvedModel, ResolvedOptimisation};
@@ -21,7 +20,9 @@ use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::surrogate::surrogate;
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
 use crate::store::StoreError;
@@ -66,14 +67,15 @@ struct FrontParams {
     ))]
 async fn front(
     State(state): State<AppState>,
+    asker: Asker,
     Id(study): Id<StudyId>,
     Params(params): Params<FrontParams>,
 ) -> Result<Response, ApiError> {
     let head = state.store().study_head(study).await?;
     let asked = Asked::new(study, &head.spec, &params)?;
-    let message = state.store().training_of(head.study).await?.ok_or(super::surrogate::NOT_YET)?.surrogate;
-    let surrogate = network::surrogate(&message).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
-    let answer = state.turns().take(asked.key(), state.stopping(), move |on| asked.answer(&surrogate, on)).await?;
+    let surrogate = surrogate(&state, asker, head.study).await?;
+    let answer =
+        state.turns().take(asked.key(), asker, state.stopping(), move |on| asked.answer(&surrogate, on)).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], answer).into_response())
 }
 

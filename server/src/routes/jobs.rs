@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::response::{IntoResponse, Response};
 use manduca_protocol::ids::{JobId, StudyId};
 use manduca_protocol::problem::Problem;
 use manduca_protocol::resolve;
@@ -12,9 +13,11 @@ use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::training;
 use crate::auth::Caller;
 use crate::compose;
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::http::cursor;
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
@@ -104,7 +107,12 @@ async fn show(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Json<
     (status = 403, body = Problem, content_type = "application/problem+json"),
     (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
-async fn task(State(state): State<AppState>, caller: Caller, Id(job): Id<JobId>) -> Result<Json<Task>, ApiError> {
+async fn task(
+    State(state): State<AppState>,
+    caller: Caller,
+    asker: Asker,
+    Id(job): Id<JobId>,
+) -> Result<Response, ApiError> {
     let store = state.store();
     if !caller.is_admin() && !store.holder_of(job).await?.is_some_and(|token| caller.speaks_for(token.as_deref())) {
         let why = format!("job {job} is not with a worker of this token, which alone may see what it computes");
@@ -117,9 +125,9 @@ async fn task(State(state): State<AppState>, caller: Caller, Id(job): Id<JobId>)
             compose::simulation(&row.spec, row.role, row.ordinal, &parameters)?
         }
         JobRole::Train => {
-            let dataset = store.train_samples(row.study).await?;
             let checkpoint = store.checkpoint_of(row.study).await?;
-            compose::train_task(&row.spec, &resolved(&row.spec)?, dataset, checkpoint)
+            let task = compose::train_task(&row.spec, &resolved(&row.spec)?, Vec::new(), checkpoint);
+            return training::respond(&state, asker, row.study, &task).await;
         }
         JobRole::Optimise => {
             let surrogate = trained(&state, row.study).await?;
@@ -133,7 +141,7 @@ async fn task(State(state): State<AppState>, caller: Caller, Id(job): Id<JobId>)
             compose::search_task(&row.spec, &resolved(&row.spec)?, row.ordinal, surrogate, before, flown)?
         }
     };
-    Ok(Json(task))
+    Ok(Json(task).into_response())
 }
 
 /// A study's surrogate, once it is trained.

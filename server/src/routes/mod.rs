@@ -17,6 +17,7 @@ mod simulations;
 mod studies;
 mod submit;
 mod surrogate;
+mod training;
 mod watch;
 mod workers;
 

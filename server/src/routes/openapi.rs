@@ -11,6 +11,7 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement
 use utoipa::openapi::{ContentBuilder, Ref, RefOr, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 
+use crate::heavy::HEAVY;
 use crate::state::AppState;
 
 #[derive(OpenApi)]
@@ -53,6 +54,9 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
         }
         for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
             ANYWHERE.iter().for_each(|(status, meaning)| refusal(operation, status, meaning));
+            if HEAVY.contains(&path.as_str()) {
+                refusal(operation, "429", "Too many such reads wait; `Retry-After` says when to ask again");
+            }
             if operation.request_body.is_some() {
                 WITH_BODY.iter().for_each(|(status, meaning)| refusal(operation, status, meaning));
             } else if operation.parameters.as_ref().is_some_and(|p| !p.is_empty()) {

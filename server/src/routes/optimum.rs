@@ -26,13 +26,13 @@ async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Resul
     let store = state.store();
     let head = store.study_head(study).await?;
     let samples = store.sample_counts(head.study).await?;
-    let surrogate = store.surrogate_of(head.study).await?;
+    let test = store.test_errors_of(head.study).await?;
     let optima = store.optima(&head).await?;
     Ok(Json(StudyResult {
         study,
         state: head.state(),
         samples: SampleCounts { succeeded: samples.succeeded, infeasible: samples.infeasible, dead: samples.dead },
-        surrogate: surrogate.and_then(|s| s.test).map(|test| SurrogateErrors { rmse: test.rmse }),
+        surrogate: test.map(|test| SurrogateErrors { rmse: test.rmse }),
         optimisations: optima.into_iter().map(flat).collect(),
         stages_s: store.stage_seconds(head.study, state.now_ms()).await?,
         solver_version: head.solver_version,

@@ -11,6 +11,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::http::body::JsonBody;
 use crate::look::Asked;
 use crate::state::AppState;
@@ -41,10 +42,11 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
     ))]
 async fn fly(
     State(state): State<AppState>,
+    asker: Asker,
     JsonBody(request): JsonBody<SimulationRequest>,
 ) -> Result<Response, ApiError> {
     let asked = asked(&state, request).await?;
-    let answer = state.turns().take(asked.key(), state.stopping(), move |on| asked.fly(on)).await?;
+    let answer = state.turns().take(asked.key(), asker, state.stopping(), move |on| asked.fly(on)).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], answer).into_response())
 }
 

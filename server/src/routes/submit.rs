@@ -17,6 +17,7 @@ use super::studies::view;
 use crate::auth::Caller;
 use crate::check::{Checked, check};
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::http::body::JsonBody;
 use crate::http::parts::Params;
 use crate::state::AppState;
@@ -61,20 +62,22 @@ struct SubmitParams {
         (status = 413, body = Problem, content_type = "application/problem+json"),
         (status = 415, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", headers(("Retry-After" = u64))),
         (status = 503, body = Problem, content_type = "application/problem+json"),
     ))]
 async fn submit(
     State(state): State<AppState>,
     caller: Caller,
+    asker: Asker,
     Params(params): Params<SubmitParams>,
     headers: HeaderMap,
     body: Result<JsonBody<StudySpec>, ApiError>,
 ) -> Result<Response, ApiError> {
     if params.dry_run {
-        return Ok(Json(dry_run(body).await?).into_response());
+        return Ok(Json(dry_run(&state, asker, body).await?).into_response());
     }
     let JsonBody(spec) = body?;
-    let submitted = store(&state, spec, idempotency_key(&headers)?, &caller).await?;
+    let submitted = store(&state, (caller, asker), spec, idempotency_key(&headers)?).await?;
     let status = if submitted.created { StatusCode::CREATED } else { StatusCode::OK };
     let mut response = (status, Json(view(&state, submitted.id).await?)).into_response();
     if let Ok(location) = HeaderValue::from_str(&format!("/v1/studies/{}", submitted.id)) {
@@ -95,9 +98,9 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
 
 async fn store(
     state: &AppState,
+    (caller, asker): (Caller, Asker),
     spec: StudySpec,
     idempotency_key: Option<String>,
-    caller: &Caller,
 ) -> Result<Submitted, ApiError> {
     // Canonical: parsed and written again, so that spelling and order in the body do not matter.
     let canonical = serde_json::to_string(&spec).map_err(|e| ApiError::Internal(Box::new(e)))?;
@@ -108,6 +111,7 @@ async fn store(
         return Ok(Submitted { id, created: false });
     }
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
+    let _turn = state.heavy().drawing(asker).await?;
     let drawn = checked(spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
     let (id, by) = (StudyId::new(), caller.named());
     let submit = Submit { id, name, spec: canonical, digest, samples, optimisations, idempotency_key, by, drawn };
@@ -121,12 +125,17 @@ async fn checked(spec: StudySpec) -> Result<Result<Checked, Vec<FieldProblem>>, 
 }
 
 /// Faults are the answer here, not a refusal, whether of form or of substance.
-async fn dry_run(body: Result<JsonBody<StudySpec>, ApiError>) -> Result<DryRun, ApiError> {
+async fn dry_run(
+    state: &AppState,
+    asker: Asker,
+    body: Result<JsonBody<StudySpec>, ApiError>,
+) -> Result<DryRun, ApiError> {
     let spec = match body {
         Ok(JsonBody(spec)) => spec,
         Err(ApiError::InvalidStudy(errors)) => return Ok(DryRun { simulations: 0, errors }),
         Err(other) => return Err(other),
     };
+    let _turn = state.heavy().drawing(asker).await?;
     Ok(match checked(spec).await? {
         Ok(checked) => DryRun { simulations: checked.simulations(), errors: Vec::new() },
         Err(errors) => DryRun { simulations: 0, errors },

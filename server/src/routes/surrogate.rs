@@ -4,8 +4,9 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
+use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::ids::StudyId;
-use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::problem::{FieldProblem, Problem, bounded};
 use manduca_protocol::task::{Checkpoint, Scaled, SurrogateMessage};
 use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
 use manduca_protocol::{network, resolve};
@@ -15,6 +16,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::http::body::JsonBody;
 use crate::http::parts::{Id, Params, media_ranges};
 use crate::onnx;
@@ -122,21 +124,42 @@ fn as_onnx(asked: Option<&str>, headers: &HeaderMap) -> Result<bool, ApiError> {
         (status = 413, body = Problem, content_type = "application/problem+json"),
         (status = 415, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", headers(("Retry-After" = u64))),
+        (status = 503, body = Problem, content_type = "application/problem+json", headers(("Retry-After" = u64))),
     ))]
 async fn predict(
     State(state): State<AppState>,
+    asker: Asker,
     Id(study): Id<StudyId>,
     JsonBody(request): JsonBody<PredictionRequest>,
 ) -> Result<Json<PredictionResponse>, ApiError> {
     check(&request)?;
     let study = state.store().study_number(study).await?;
+    let turn = state.heavy().turn(asker).await?;
+    let surrogate = read(&state, study).await?;
+    let predicting = tokio::task::spawn_blocking(move || {
+        let predict = |point: &manduca_protocol::point::ParameterValues| {
+            let [lift, drag, pitch_moment, power] = surrogate.predict(&point.0);
+            Scaled { lift, drag, pitch_moment, power }
+        };
+        let predictions = request.points.iter().map(predict).collect();
+        drop(turn);
+        PredictionResponse { predictions }
+    });
+    Ok(Json(predicting.await.map_err(|e| ApiError::Internal(Box::new(e)))?))
+}
+
+/// A study's surrogate, read in the asker's turn.
+pub(super) async fn surrogate(state: &AppState, asker: Asker, study: i64) -> Result<Surrogate, ApiError> {
+    let _turn = state.heavy().turn(asker).await?;
+    read(state, study).await
+}
+
+async fn read(state: &AppState, study: i64) -> Result<Surrogate, ApiError> {
     let training = state.store().training_of(study).await?.ok_or(NOT_YET)?;
-    let surrogate = network::surrogate(&training.surrogate).map_err(|why| ApiError::from(StoreError::Corrupt(why)))?;
-    let predict = |point: &manduca_protocol::point::ParameterValues| {
-        let [lift, drag, pitch_moment, power] = surrogate.predict(&point.0);
-        Scaled { lift, drag, pitch_moment, power }
-    };
-    Ok(Json(PredictionResponse { predictions: request.points.iter().map(predict).collect() }))
+    let made = tokio::task::spawn_blocking(move || network::surrogate(&training.surrogate)).await;
+    let made = made.map_err(|e| ApiError::Internal(Box::new(e)))?;
+    made.map_err(|why| ApiError::from(StoreError::Corrupt(why)))
 }
 
 fn check(request: &PredictionRequest) -> Result<(), ApiError> {
@@ -144,12 +167,12 @@ fn check(request: &PredictionRequest) -> Result<(), ApiError> {
         let fault = FieldProblem::new("/points", format!("has more than {MOST_POINTS} points"));
         return Err(ApiError::InvalidRequest(vec![fault]));
     }
-    let faults: Vec<_> = request
+    let faults = request
         .points
         .iter()
         .enumerate()
         .filter_map(|(i, point)| resolve::parameters(point, &format!("/points/{i}")).err())
-        .flatten()
-        .collect();
+        .flatten();
+    let faults = bounded(faults);
     if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
 }

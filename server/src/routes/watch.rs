@@ -100,7 +100,10 @@ fn reasons(at: &Circumstances, ahead: Option<u64>, slots: u64, max_attempts: u32
             if slots == 0 {
                 told.push("no worker which may be given jobs was heard of lately: start one".into());
             }
-            told.push(format!("{} ready jobs are leased before it; {slots} slots work", ahead.unwrap_or(0)));
+            told.push(format!(
+                "about {} ready jobs are leased before it, for running studies share; {slots} slots work",
+                ahead.unwrap_or(0)
+            ));
         }
         JobState::Delayed => told.push(format!(
             "attempt {} of {max_attempts} failed ({why}); it waits {:.1} s before the next",

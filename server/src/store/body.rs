@@ -29,6 +29,14 @@ pub(super) fn parse<T: DeserializeOwned>(body: Vec<u8>) -> Result<T, StoreError>
     from_json(&unpack(body)?)
 }
 
+/// [`parse`] of a body which may be large: not on the threads which serve.
+pub(super) async fn parse_apart<T: DeserializeOwned + Send + 'static>(body: Vec<u8>) -> Result<T, StoreError> {
+    if body.len() < LARGE {
+        return parse(body);
+    }
+    tokio::task::spawn_blocking(move || parse(body)).await.map_err(|_| StoreError::Panicked)?
+}
+
 /// What stored JSON says.
 pub(super) fn from_json<T: DeserializeOwned>(json: &[u8]) -> Result<T, StoreError> {
     serde_json::from_slice(json).map_err(|e| StoreError::Corrupt(e.to_string()))

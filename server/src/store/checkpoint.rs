@@ -50,6 +50,9 @@ impl Store {
         .fetch_optional(self.readers())
         .await?;
         // What another version of this code has written is of no use, and no harm.
-        Ok(stored.and_then(|stored| body::parse(stored).ok()))
+        match stored {
+            Some(stored) => Ok(body::parse_apart(stored).await.ok()),
+            None => Ok(None),
+        }
     }
 }

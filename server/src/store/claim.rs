@@ -1,7 +1,7 @@
 //! Ready jobs are leased.
 
 use std::collections::hash_map::Entry;
-use std::collections::{HashMap, HashSet};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
@@ -10,6 +10,7 @@ use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
 
 use super::names::{named, role_name, unsigned};
+use super::shares::Offer;
 use super::{StoreError, Work};
 use crate::http::cursor::hex;
 
@@ -27,33 +28,30 @@ pub(crate) struct Leased {
     pub(crate) spec: Arc<StudySpec>,
 }
 
-/// Leases ready jobs to these workers in turn, one each, as far as there are
-/// any: first what brings a study nearer to its end (one training frees a whole
-/// study, one sample does not), then samples of the oldest study, last audits,
-/// each to another worker than its sample.
+/// Leases ready jobs to these workers in turn, one each, as far as there are any. Running studies
+/// share them ([`Rota::share`]); of one study comes first what brings it nearer to its end, then its
+/// samples. Audits come last, each to another worker than its sample.
 pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
-    let mut given = Vec::new();
     if workers.is_empty() {
-        return Ok(given);
+        return Ok(Vec::new());
     }
-    for (study, role) in list_claimable(work.db, workers.len()).await? {
-        let left = &workers[given.len()..];
-        if left.is_empty() {
-            break;
-        }
-        let role = named::<JobRole>(&role)?;
-        let rows = match role {
-            JobRole::Audit => list_audits(work.db, study, left).await?,
-            _ => list_ready(work.db, study, role, left.len()).await?.into_iter().map(Some).collect(),
-        };
-        for row in rows {
+    let offers = list_offers(work.db).await?;
+    let order = work.rota.share(&offers, workers.len());
+    let mut rows = list_shared(work.db, &offers, &order).await?;
+    let mut given = Vec::with_capacity(workers.len());
+    for study in order {
+        // Counters are right, so there is a row for each place.
+        let Some((role, row)) = rows.get_mut(&study).and_then(VecDeque::pop_front) else { continue };
+        given.push(Some(leased(work, study, role, row).await?));
+    }
+    if given.len() < workers.len()
+        && let Some(study) = find_audited(work.db).await?
+    {
+        for row in list_audits(work.db, study, &workers[given.len()..]).await? {
             given.push(match row {
-                Some(row) => Some(leased(work, study, role, row).await?),
+                Some(row) => Some(leased(work, study, JobRole::Audit, row).await?),
                 None => None,
             });
-        }
-        if role == JobRole::Audit {
-            break;
         }
     }
     let holders: Vec<_> =
@@ -62,6 +60,26 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
         lease_jobs(work, &holders).await?;
     }
     Ok(given)
+}
+
+/// Ready jobs of each study in this order, as many as it has places there.
+async fn list_shared(
+    db: &mut SqliteConnection,
+    offers: &[Offer],
+    order: &[i64],
+) -> Result<HashMap<i64, VecDeque<(JobRole, ReadyRow)>>, StoreError> {
+    let mut places: HashMap<i64, usize> = HashMap::new();
+    for study in order {
+        *places.entry(*study).or_default() += 1;
+    }
+    let mut found: HashMap<i64, VecDeque<_>> = HashMap::new();
+    for offer in offers {
+        let Some(left) = places.get_mut(&offer.study).filter(|left| **left > 0) else { continue };
+        let rows = list_ready(db, offer.study, offer.role, *left).await?;
+        *left -= rows.len();
+        found.entry(offer.study).or_default().extend(rows.into_iter().map(|row| (offer.role, row)));
+    }
+    Ok(found)
 }
 
 /// The lease of a job as this attempt.
@@ -118,17 +136,34 @@ async fn list_audits_for(
     Ok(rows)
 }
 
-async fn list_claimable(db: &mut SqliteConnection, limit: usize) -> Result<Vec<(i64, String)>, StoreError> {
-    let rows = sqlx::query_as(
-        "select c.study, c.role from study_counts as c join studies as s on s.study = c.study
-         where c.state = 'ready' and c.n > 0
-           and (s.condition = 'running' or c.role = 'audit' and s.condition = 'succeeded')
-         order by c.role = 'audit', c.role = 'sample', c.study limit 0 + ?",
+/// What running studies offer but audits, study by study: first what brings each nearer to its end.
+async fn list_offers(db: &mut SqliteConnection) -> Result<Vec<Offer>, StoreError> {
+    let rows: Vec<(i64, String, i64, i64, Option<String>)> = sqlx::query_as(
+        "select c.study, c.role, c.n,
+                (select coalesce(sum(l.n), 0) from study_counts as l where l.study = c.study and l.state = 'leased'),
+                s.submitted_by
+         from studies as s cross join study_counts as c on c.study = s.study
+         where s.condition = 'running' and c.state = 'ready' and c.n > 0 and c.role <> 'audit'
+         order by c.study, c.role = 'sample', c.role",
     )
-    .bind(limit as i64)
     .fetch_all(db)
     .await?;
-    Ok(rows)
+    let offer = |(study, role, ready, leased, owner): (i64, String, i64, i64, Option<String>)| {
+        Ok(Offer { study, role: named(&role)?, ready: unsigned(ready)?, leased: unsigned(leased)?, owner })
+    };
+    rows.into_iter().map(offer).collect()
+}
+
+/// The oldest study which has audits ready.
+async fn find_audited(db: &mut SqliteConnection) -> Result<Option<i64>, StoreError> {
+    let found = sqlx::query_scalar(
+        "select c.study from study_counts as c join studies as s on s.study = c.study
+         where c.role = 'audit' and c.state = 'ready' and c.n > 0 and s.condition in ('running', 'succeeded')
+         order by c.study limit 1",
+    )
+    .fetch_optional(db)
+    .await?;
+    Ok(found)
 }
 
 /// Job, the attempt it is leased as, ordinal, parameters.

@@ -26,6 +26,7 @@ mod read_sums;
 mod read_workers;
 mod recover;
 mod search;
+mod shares;
 mod specs;
 mod submit;
 mod sweep;
@@ -77,6 +78,9 @@ static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
 /// How long SQLite waits for another process which has the file.
 const BUSY: Duration = Duration::from_secs(5);
 
+/// Connections of [`Store::quick`].
+const QUICK_READERS: u32 = 2;
+
 /// Why the store did not do something.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum StoreError {
@@ -112,6 +116,8 @@ pub(crate) type Observer = Arc<dyn Fn(&[Event]) + Send + Sync>;
 pub(crate) struct Store {
     writer: writer::Writer,
     readers: SqlitePool,
+    /// For what every request needs, and renewals above all: nothing which takes long is read here.
+    quick: SqlitePool,
 }
 
 impl Store {
@@ -130,11 +136,11 @@ impl Store {
         // jobs stored, that took a tenth of the writer's time.
         let writing = options.clone().pragma("cache_size", "-16384");
         let connection = writing.connect().await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(config.readers)
-            .connect_with(options.pragma("query_only", "on"))
-            .await?;
-        Ok(Self { writer: writer::Writer::start(connection, writing, config, clock, observer, metrics), readers })
+        let reading = options.pragma("query_only", "on");
+        let pool = |connections| SqlitePoolOptions::new().max_connections(connections).connect_with(reading.clone());
+        let (readers, quick) = (pool(config.readers).await?, pool(QUICK_READERS).await?);
+        let writer = writer::Writer::start(connection, writing, config, clock, observer, metrics);
+        Ok(Self { writer, readers, quick })
     }
 
     /// Queues an operation and waits for the commit which contains it.
@@ -157,9 +163,14 @@ impl Store {
         &self.readers
     }
 
+    /// The pool of its own for tokens, exchanges and health, which no long read delays.
+    pub(crate) fn quick(&self) -> &SqlitePool {
+        &self.quick
+    }
+
     /// Whether the database answers.
     pub(crate) async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query_scalar::<_, i64>("select 1").fetch_one(&self.readers).await?;
+        sqlx::query_scalar::<_, i64>("select 1").fetch_one(&self.quick).await?;
         Ok(())
     }
 
@@ -167,6 +178,7 @@ impl Store {
     pub(crate) async fn close(&self) {
         self.writer.close().await;
         self.readers.close().await;
+        self.quick.close().await;
     }
 }
 

@@ -10,7 +10,7 @@ use super::read_jobs::RawOrigin;
 use super::{Store, StoreError, body};
 
 /// Samples read at once for a training.
-const CHUNK: u32 = 2000;
+const CHUNK: u32 = 5000;
 
 /// A sample as stored.
 #[derive(Debug, sqlx::FromRow)]
@@ -59,18 +59,18 @@ impl Store {
         Ok(rows)
     }
 
-    /// The samples which have means, as the trainer sees them.
-    pub(crate) async fn train_samples(&self, study: i64) -> Result<Vec<TrainSample>, StoreError> {
-        let mut samples = Vec::new();
-        let mut after = -1;
-        loop {
-            let rows = self.samples_after(study, after, CHUNK).await?;
-            let Some(last) = rows.last() else { return Ok(samples) };
-            after = last.ordinal;
-            // Thousands of results are parsed: not on the threads which serve.
-            let parsed = tokio::task::spawn_blocking(move || train_rows(rows)).await;
-            samples.extend(parsed.map_err(|e| StoreError::Corrupt(e.to_string()))??);
-        }
+    /// The next samples which have means after the one of this index, as the trainer sees them, and the
+    /// index of the last one looked at; none where there are no more.
+    pub(crate) async fn train_samples_after(
+        &self,
+        study: i64,
+        after: i64,
+    ) -> Result<Option<(Vec<TrainSample>, i64)>, StoreError> {
+        let rows = self.samples_after(study, after, CHUNK).await?;
+        let Some(last) = rows.last().map(|row| row.ordinal) else { return Ok(None) };
+        // Thousands of results are parsed: not on the threads which serve.
+        let parsed = tokio::task::spawn_blocking(move || train_rows(rows)).await;
+        Ok(Some((parsed.map_err(|e| StoreError::Corrupt(e.to_string()))??, last)))
     }
 }
 

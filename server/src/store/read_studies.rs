@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
-use manduca_protocol::task::{OptimiseResult, Progress, Scaled, SimulateOutcome, SimulateResult, TrainResult};
+use manduca_protocol::task::{
+    ErrorsMessage, OptimiseResult, Progress, Scaled, SimulateOutcome, SimulateResult, TrainResult,
+};
 use manduca_protocol::view::{
     JobCounts, JobRole, OptimumStatus, OptimumView, StageSeconds, StudyState, StudySummary, StudyView, SurrogateView,
 };
@@ -106,7 +108,7 @@ impl Store {
         let head = self.study_head(id).await?;
         let db = self.readers();
         let stage_jobs = read_counts(db, head.study, head.counted()).await?;
-        let surrogate = self.surrogate_of(head.study).await?;
+        let surrogate = self.test_errors_of(head.study).await?;
         let optimisations = self.optima(&head).await?;
         let progress = match head.counted() {
             JobRole::Individual => Some(breeding(&head.spec, &optimisations, &stage_jobs)),
@@ -125,7 +127,7 @@ impl Store {
             rate_per_s: None,
             eta_s: None,
             stages_s: self.stage_seconds(head.study, now).await?,
-            surrogate: surrogate.and_then(|s| s.test),
+            surrogate,
             optimisations,
             submitted_by: head.submitted_by,
             steered_by: head.steered_by,
@@ -160,6 +162,19 @@ impl Store {
         Ok(seconds)
     }
 
+    /// The errors of a study's surrogate on the test share, once there is one. Its curve, which may be long, is
+    /// not read.
+    pub(crate) async fn test_errors_of(&self, study: i64) -> Result<Option<ErrorsMessage>, StoreError> {
+        let errors: Option<Option<String>> = sqlx::query_scalar(
+            "select r.summary ->> '$.test' from jobs as j join results as r on r.job = j.job
+             where j.study = ? and j.role = 'train' and j.ordinal = 0",
+        )
+        .bind(study)
+        .fetch_optional(self.readers())
+        .await?;
+        errors.flatten().map(|json| body::from_json(json.as_bytes())).transpose()
+    }
+
     /// A study's training without the weights, once there is one.
     pub(crate) async fn surrogate_of(&self, study: i64) -> Result<Option<SurrogateView>, StoreError> {
         let summary: Option<Option<String>> = sqlx::query_scalar(
@@ -169,7 +184,10 @@ impl Store {
         .bind(study)
         .fetch_optional(self.readers())
         .await?;
-        summary.flatten().map(|json| body::from_json(json.as_bytes())).transpose()
+        match summary.flatten() {
+            Some(json) => body::parse_apart(json.into_bytes()).await.map(Some),
+            None => Ok(None),
+        }
     }
 
     /// A study's whole training, once there is one.
@@ -181,7 +199,10 @@ impl Store {
         .bind(study)
         .fetch_optional(self.readers())
         .await?;
-        stored.map(body::parse).transpose()
+        match stored {
+            Some(stored) => body::parse_apart(stored).await.map(Some),
+            None => Ok(None),
+        }
     }
 
     /// Every optimisation of a study, in the order asked.
@@ -200,7 +221,10 @@ impl Store {
             let gone = self.is_given_up(head.study, Chain::Breeding, ordinal).await?;
             let dead = gone || [&optimised, &verified].iter().any(|job| matches!(job, Some(None)));
             let optimum: Option<OptimiseResult> = match found.remove(&ordinal) {
-                None => optimised.flatten().map(body::parse).transpose()?,
+                None => match optimised.flatten() {
+                    Some(stored) => Some(body::parse_apart(stored).await?),
+                    None => None,
+                },
                 bred => bred,
             };
             let simulated: Option<SimulateResult> = verified.flatten().map(body::parse).transpose()?;

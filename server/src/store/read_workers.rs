@@ -30,6 +30,18 @@ struct RawWorker {
 }
 
 impl Store {
+    /// Whether a worker has a job which is no simulation: the result of such a one may be large.
+    pub(crate) async fn holds_large(&self, worker: WorkerId) -> Result<bool, StoreError> {
+        let holds = sqlx::query_scalar(
+            "select exists (select 1 from jobs where state = 'leased' and worker = ?
+                            and role in ('train', 'optimise', 'search', 'generation'))",
+        )
+        .bind(worker.0.as_bytes().as_slice())
+        .fetch_one(self.quick())
+        .await?;
+        Ok(holds)
+    }
+
     /// Workers heard of within a day which have not said goodbye, by name.
     pub(crate) async fn workers(&self, now: i64, lease_ms: i64) -> Result<Vec<WorkerView>, StoreError> {
         // The jobs counted here are those in hand, read from the index of leases.

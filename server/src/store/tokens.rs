@@ -19,7 +19,7 @@ impl Store {
     pub(crate) async fn tokens(&self) -> Result<Vec<Known>, StoreError> {
         let rows: Vec<(Vec<u8>, String, String)> =
             sqlx::query_as("select hash, name, scopes from tokens where revoked_ms is null")
-                .fetch_all(self.readers())
+                .fetch_all(self.quick())
                 .await?;
         rows.into_iter().map(|(hash, name, scopes)| known(&hash, &name, &scopes)).collect()
     }

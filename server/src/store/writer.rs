@@ -16,6 +16,7 @@ use sqlx::{ConnectOptions, Connection};
 use tokio::sync::{mpsc, oneshot};
 
 use super::exchange::exchange_all;
+use super::shares::Rota;
 use super::specs::Specs;
 use super::{Exchange, Exchanged, Observer, StoreError};
 use crate::clock::Clock;
@@ -42,6 +43,8 @@ pub(crate) struct Work<'c> {
     pub(crate) events: &'c mut Vec<Event>,
     /// Specifications read before.
     pub(crate) specs: &'c mut Specs,
+    /// Whose turn it is to be given jobs.
+    pub(crate) rota: &'c mut Rota,
 }
 
 /// One change of the store: all of it happens, or nothing.
@@ -123,7 +126,7 @@ impl Writer {
         metrics: Arc<Metrics>,
     ) -> Self {
         let (queue, messages) = mpsc::channel(QUEUE);
-        let specs = Specs::default();
+        let (specs, rota) = (Specs::default(), Rota::default());
         let failing = Arc::new(AtomicBool::new(false));
         let task = Task {
             connection: Some(connection),
@@ -132,6 +135,7 @@ impl Writer {
             clock,
             observer,
             specs,
+            rota,
             metrics,
             failing: failing.clone(),
         };
@@ -176,6 +180,7 @@ struct Task {
     clock: Arc<dyn Clock>,
     observer: Observer,
     specs: Specs,
+    rota: Rota,
     metrics: Arc<Metrics>,
     failing: Arc<AtomicBool>,
 }
@@ -288,7 +293,8 @@ impl Task {
             // A commit which changes nothing would prove nothing.
             beat(&mut transaction, now).await?;
         }
-        let mut scope = Scope { now, config: &self.config, specs: &mut self.specs, events };
+        let (specs, rota) = (&mut self.specs, &mut self.rota);
+        let mut scope = Scope { now, config: &self.config, specs, rota, events };
         let told = scope.exchange(&mut transaction, &batch.exchanges).await?;
         for call in &mut batch.calls {
             scope.apply(&mut transaction, call).await?;
@@ -313,6 +319,7 @@ struct Scope<'s> {
     now: i64,
     config: &'s Config,
     specs: &'s mut Specs,
+    rota: &'s mut Rota,
     events: &'s mut Vec<Event>,
 }
 
@@ -374,7 +381,14 @@ impl Scope<'_> {
     }
 
     fn work<'w>(&'w mut self, db: &'w mut SqliteConnection) -> Work<'w> {
-        Work { db, now: self.now, config: self.config, events: &mut *self.events, specs: &mut *self.specs }
+        Work {
+            db,
+            now: self.now,
+            config: self.config,
+            events: &mut *self.events,
+            specs: &mut *self.specs,
+            rota: &mut *self.rota,
+        }
     }
 
     /// Takes back what a failed operation has told and read.
