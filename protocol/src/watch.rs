@@ -44,6 +44,27 @@ pub struct LeaseView {
     pub expires_s: f64,
 }
 
+/// An attempt that failed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FailedAttempt {
+    /// Which attempt it was.
+    pub attempt: u32,
+    /// The worker that made it.
+    pub worker: WorkerId,
+    /// The name of this worker, while it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worker_name: Option<String>,
+    /// The name of the token that registered this worker.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub token: Option<String>,
+    /// What the worker blames: `refused` or `failed` is the task, `machine` its machine.
+    pub fault: String,
+    /// Why, cut after 300 characters.
+    pub reason: String,
+    /// RFC 3339, UTC.
+    pub at: String,
+}
+
 /// Why a job is where it is. `GET /v1/jobs/{job}/explain`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Explanation {
@@ -73,6 +94,9 @@ pub struct Explanation {
     pub losses: u32,
     /// Why the last one did, or why the stroke is infeasible.
     pub last_failure: Option<String>,
+    /// The attempts that failed and are not contradicted by a result, as far as they are kept.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failed_attempts: Vec<FailedAttempt>,
     /// Slots of all workers which may be given jobs.
     pub slots: u64,
 }

@@ -8,7 +8,7 @@ use crate::strict;
 use crate::task::{Checkpoint, JobKind, JobResult, Progress, Provenance};
 
 /// Version of the exchange this code speaks.
-pub const PROTOCOL_VERSION: u32 = 3;
+pub const PROTOCOL_VERSION: u32 = 4;
 /// Oldest version of the exchange a coordinator of this code still takes.
 pub const OLDEST_PROTOCOL_VERSION: u32 = 1;
 /// Most items in any list of an exchange.
@@ -94,6 +94,32 @@ pub struct Failure {
     pub attempt: u32,
     /// Why.
     pub reason: String,
+    /// What the worker blames; its machine where left out. Since version 4.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Fault>,
+}
+
+/// What a worker blames for a failed attempt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fault {
+    /// The task, which is not valid: no machine can compute it.
+    Refused,
+    /// The task, whose computation ended without a result.
+    Failed,
+    /// The machine: a crash, a run limit, a task that did not arrive.
+    Machine,
+}
+
+impl Fault {
+    /// Its name, on the wire and in the store.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Refused => "refused",
+            Self::Failed => "failed",
+            Self::Machine => "machine",
+        }
+    }
 }
 
 /// A job still computing.

@@ -31,6 +31,16 @@ pub struct Config {
     pub strikes: u32,
     /// How long that is.
     pub quarantine: Duration,
+    /// Jobs a worker may hold per slot: as many wait to be delivered as are computed, at most.
+    pub leases_per_slot: u32,
+    /// Jobs a worker may hold before its first success.
+    pub probation: u32,
+    /// Failures of a worker, which nobody confirmed or contradicted within a minute, after which it is given no jobs.
+    pub doubts: u32,
+    /// Workers which a token may register at once.
+    pub registrations: u32,
+    /// Workers which it may register from then on, per second.
+    pub registrations_per_s: f64,
     /// How long an attempt may compute, renewed or not, by kind of job.
     pub run_limits: RunLimits,
     /// What an attempt beyond its limit is given to say so itself, before the coordinator does.
@@ -63,8 +73,10 @@ pub struct Config {
     pub body_limit: usize,
     /// Connections which only read.
     pub readers: u32,
-    /// Refused results kept as evidence.
+    /// Refused results kept as evidence, of each class.
     pub evidence: u32,
+    /// Refused results kept as evidence, of each class and worker.
+    pub evidence_per_worker: u32,
     /// Clients which may watch the changes at the same time.
     pub watchers: usize,
 }
@@ -83,6 +95,11 @@ impl Config {
             max_backoff: Duration::from_secs(60),
             strikes: 5,
             quarantine: Duration::from_secs(300),
+            leases_per_slot: 2,
+            probation: 8,
+            doubts: 64,
+            registrations: 1000,
+            registrations_per_s: 1.0,
             run_limits: RunLimits::default(),
             run_grace: Duration::from_secs(30),
             keep: None,
@@ -99,6 +116,7 @@ impl Config {
             body_limit: 2 << 20,
             readers: 4,
             evidence: 1000,
+            evidence_per_worker: 50,
             watchers: 256,
         }
     }

@@ -40,6 +40,12 @@ pub enum ApiError {
     /// The worker, or the one that holds the job, was registered with another token.
     #[error("{0}")]
     AnotherToken(String),
+    /// The token has registered too many workers lately.
+    #[error("this token has registered too many workers lately; try again in {wait_s} s")]
+    TooManyRegistrations {
+        /// How long to wait.
+        wait_s: u64,
+    },
     /// A page of another site asked through a visitor's browser.
     #[error("pages of other sites may not act here")]
     AnotherSite,
@@ -147,6 +153,9 @@ impl ApiError {
             Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
             Self::Forbidden(_) => (S::FORBIDDEN, "forbidden", "Not allowed"),
             Self::AnotherToken(_) => (S::FORBIDDEN, "another-token", "Another token's worker"),
+            Self::TooManyRegistrations { .. } => {
+                (S::TOO_MANY_REQUESTS, "too-many-registrations", "Too many registrations")
+            }
             Self::AnotherSite => (S::FORBIDDEN, "another-site", "From another site"),
             Self::UnsupportedMediaType => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type")
@@ -252,6 +261,7 @@ impl ApiError {
             Self::Unavailable(_) | Self::Busy | Self::Crowded | Self::Stopping => {
                 Some((header::RETRY_AFTER, HeaderValue::from_static("1")))
             }
+            Self::TooManyRegistrations { wait_s } => Some((header::RETRY_AFTER, HeaderValue::from(*wait_s))),
             Self::TooManyWatchers { .. } => Some((header::RETRY_AFTER, HeaderValue::from_static("10"))),
             Self::Unauthenticated => Some((header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"))),
             Self::ProtocolVersion { .. } => {

@@ -49,17 +49,21 @@ pub(crate) enum Event {
         /// Whether nothing was heard of it, rather than that it failed.
         expired: bool,
     },
+    /// Results were refused; the first of them is named.
     Refused {
         job: JobId,
         worker: WorkerId,
         attempt: u32,
         reason: String,
+        results: u64,
     },
+    /// Finished jobs got other results; the first of them is named.
     Nondeterminism {
         job: JobId,
         worker: WorkerId,
         attempt: u32,
         level: String,
+        results: u64,
     },
     Moved {
         study: StudyId,
@@ -134,6 +138,14 @@ impl Event {
         })
     }
 
+    /// How many decisions it tells of.
+    pub(crate) fn count(&self) -> u64 {
+        match self {
+            Self::Refused { results, .. } | Self::Nondeterminism { results, .. } => *results,
+            _ => 1,
+        }
+    }
+
     /// The study which it changed.
     pub(crate) fn study(&self) -> Option<StudyId> {
         match self {
@@ -199,11 +211,11 @@ impl Event {
             Self::Failed { study, job, attempt, reason, dead: true, .. } => {
                 tracing::error!(study.id = %study, job.id = %job, job.attempt = attempt, job.reason = reason, "Attempt failed; the job is given up");
             }
-            Self::Refused { job, worker, attempt, reason } => {
-                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, job.reason = reason, "Result refused");
+            Self::Refused { job, worker, attempt, reason, results } => {
+                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, job.reason = reason, results.count = results, "Results refused, of which this is the first");
             }
-            Self::Nondeterminism { job, worker, attempt, level } => {
-                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, worker.level = level, "A finished job got a different result from an equal machine");
+            Self::Nondeterminism { job, worker, attempt, level, results } => {
+                tracing::warn!(job.id = %job, job.attempt = attempt, worker.id = %worker, worker.level = level, results.count = results, "A finished job got a different result from an equal machine");
             }
             Self::Moved { study, state, reason } => {
                 tracing::info!(study.id = %study, study.state = ?state, study.reason = reason.as_deref(), "Study changed its state");

@@ -27,6 +27,7 @@ mod offline;
 mod onnx;
 mod prepare;
 mod rate;
+mod registrations;
 // The macro which describes routes spells out paths it need not.
 #[allow(unused_qualifications)]
 mod routes;

@@ -107,7 +107,7 @@ impl Metrics {
     /// Counts a decision.
     pub(crate) fn observe(&self, event: &Event) {
         let Some(decision) = event.name() else { return };
-        self.decisions.get_or_create(&Decision { decision }).inc();
+        self.decisions.get_or_create(&Decision { decision }).inc_by(event.count());
         match event {
             Event::Leased { jobs, .. } => {
                 self.leased.inc_by(*jobs as u64);

@@ -18,6 +18,7 @@ use crate::large::Large;
 use crate::memory::{Memory, Waits};
 use crate::metrics::Metrics;
 use crate::rate::Rates;
+use crate::registrations::Registrations;
 use crate::serve::ServerError;
 use crate::store::{Prune, Recover, Store, StoreError, Sweep};
 use crate::turn::Turns;
@@ -38,6 +39,7 @@ struct Inner {
     stopping: CancellationToken,
     tokens: Tokens,
     refusals: Arc<Refusals>,
+    registrations: Registrations,
     metrics: Arc<Metrics>,
     turns: Turns,
     memory: Memory,
@@ -76,6 +78,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let stopping = CancellationToken::new();
     let refusals = Arc::new(Refusals::default());
     tokio::spawn(sweep(store.clone(), config.clone(), refusals.clone(), stopping.clone()));
+    let registrations = Registrations::new(config.registrations, config.registrations_per_s);
     Ok(AppState {
         inner: Arc::new(Inner {
             heavy: Heavy::new(processors(), config.readers),
@@ -88,6 +91,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             stopping,
             tokens: Tokens::default(),
             refusals,
+            registrations,
             metrics,
             turns: Turns::default(),
             memory: Memory::new(processors(), Waits::default()),
@@ -183,6 +187,11 @@ impl AppState {
     /// Requests refused for their token.
     pub(crate) fn refusals(&self) -> &Refusals {
         &self.inner.refusals
+    }
+
+    /// How often tokens register workers.
+    pub(crate) fn registrations(&self) -> &Registrations {
+        &self.inner.registrations
     }
 
     /// What is counted.

@@ -15,7 +15,8 @@ use std::time::Duration;
 use manduca_numerics::simulation;
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::worker::{
-    Completion, ExchangeRequest, ExchangeResponse, Failure, Lease, PROTOCOL_VERSION, RegisterRequest, RegisterResponse,
+    Completion, ExchangeRequest, ExchangeResponse, Failure, Fault, Lease, PROTOCOL_VERSION, RegisterRequest,
+    RegisterResponse,
 };
 use tokio::time::{Instant, MissedTickBehavior, sleep_until};
 use tracing::{debug, info, warn};
@@ -272,7 +273,10 @@ impl Agent {
                 debug!(%job, attempt, kind = ?lease.kind, "job started");
                 self.running.start(slot, lease, self.http.clone());
             }
-            None => self.fail(Failure { job, attempt, reason: "more jobs granted than asked for".into() }),
+            None => {
+                let reason = "more jobs granted than asked for".into();
+                self.fail(Failure { job, attempt, reason, fault: Some(Fault::Machine) });
+            }
         }
     }
 
@@ -291,7 +295,7 @@ impl Agent {
                 info!(%job, attempt, ?kind, wall_s = provenance.wall_s, "job done");
                 self.outbox.push(Report::Complete(Completion { job, attempt, result: *result, provenance }));
             }
-            Outcome::Failed(reason) => self.fail(Failure { job, attempt, reason }),
+            Outcome::Failed(reason, fault) => self.fail(Failure { job, attempt, reason, fault: Some(fault) }),
             Outcome::Cancelled => {}
         }
     }

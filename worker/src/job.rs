@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use manduca_protocol::ids::JobId;
 use manduca_protocol::task::{JobKind, Task};
-use manduca_protocol::worker::Lease;
+use manduca_protocol::worker::{Fault, Lease};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
@@ -39,7 +39,7 @@ pub(crate) async fn work(
         Some(task) => Ok(task),
         None => tokio::select! {
             () = stop.cancelled() => Err(Outcome::Cancelled),
-            task = fetch(&http, job) => task.map_err(Outcome::Failed),
+            task = fetch(&http, job) => task.map_err(|why| Outcome::Failed(why, Fault::Machine)),
         },
     };
     let limit = Duration::try_from_secs_f64(run_limit_s.min(LONGEST_RUN)).unwrap_or_default();

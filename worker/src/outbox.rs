@@ -3,7 +3,7 @@
 use std::collections::{HashSet, VecDeque};
 
 use manduca_protocol::ids::JobId;
-use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Failure, MAX_BATCH};
+use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Failure, Fault, MAX_BATCH};
 use tracing::{error, warn};
 
 /// One thing to report.
@@ -108,7 +108,8 @@ impl Outbox {
             Some(Report::Complete(Completion { job, attempt, .. })) => {
                 error!(%job, why, "the coordinator cannot read this result");
                 let reason = format!("the coordinator cannot read the result: {why}");
-                self.waiting.push_front(Report::Fail(Failure { job, attempt, reason }));
+                let fault = Some(Fault::Machine);
+                self.waiting.push_front(Report::Fail(Failure { job, attempt, reason, fault }));
             }
             Some(Report::Fail(Failure { job, .. })) => error!(%job, why, "dropped a failure report"),
             None => {}
@@ -122,7 +123,7 @@ mod tests {
     use manduca_protocol::worker::Rejected;
 
     fn failure(job: i64) -> Report {
-        Report::Fail(Failure { job: JobId(job), attempt: 1, reason: "x".into() })
+        Report::Fail(Failure { job: JobId(job), attempt: 1, reason: "x".into(), fault: None })
     }
 
     #[test]

@@ -116,7 +116,7 @@ async fn slot() -> Finding {
             Verdict::Well,
             format!("starts and flies a stroke in {:.1} ms", provenance.wall_s * 1e3),
         ),
-        Outcome::Failed(reason) => finding("compute slot", Verdict::Wrong, reason),
+        Outcome::Failed(reason, _) => finding("compute slot", Verdict::Wrong, reason),
         Outcome::Cancelled => finding("compute slot", Verdict::Wrong, "was cancelled"),
     }
 }

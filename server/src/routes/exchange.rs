@@ -25,6 +25,9 @@ use crate::store::{Exchange, Exchanged, Prepared, PreparedRenewal, StoreError, k
 /// Most results of simulations prepared on a thread which serves: a millisecond's work.
 const FEW: usize = 128;
 
+/// How often a worker which holds as many jobs as it may is looked at again while it waits.
+const HELD_BACK: Duration = Duration::from_millis(200);
+
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(exchange))
 }
@@ -78,11 +81,13 @@ async fn exchange(
             () = state.stopping().cancelled() => break,
             () = tokio::time::sleep_until(until) => break,
             () = notified.as_mut() => {}
+            // Nobody tells it that its own jobs have ended.
+            () = tokio::time::sleep(HELD_BACK), if told.held_back => {}
         }
         notified.set(state.ready().notified());
         notified.as_mut().enable();
         let news = state.store().exchange(Exchange::asking(worker, caller.clone(), give(want))).await?;
-        (told.leased, told.drain) = (news.leased, news.drain);
+        (told.leased, told.drain, told.held_back) = (news.leased, news.drain, news.held_back);
     }
     if told.leased.iter().any(|leased| kind_of(leased.role) != JobKind::Simulate) {
         state.note_large(worker);

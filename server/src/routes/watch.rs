@@ -83,6 +83,7 @@ async fn explain(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Js
         failures: at.failures,
         losses: at.losses,
         last_failure: at.reason,
+        failed_attempts: state.store().failed_attempts(job).await?,
         slots: workers.slots,
     }))
 }

@@ -41,6 +41,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
     (status = 415, body = Problem, content_type = "application/problem+json"),
     (status = 422, body = Problem, content_type = "application/problem+json"),
     (status = 426, body = Problem, content_type = "application/problem+json"),
+    (status = 429, body = Problem, content_type = "application/problem+json"),
 ))]
 async fn register(
     State(state): State<AppState>,
@@ -54,6 +55,10 @@ async fn register(
         return Err(ApiError::SolverVersion { theirs: request.solver_version, ours: SOLVER_VERSION });
     }
     check(&request)?;
+    if let Some(token) = caller.name() {
+        let admitted = state.registrations().admit(token, state.now_ms());
+        admitted.map_err(|wait_s| ApiError::TooManyRegistrations { wait_s })?;
+    }
     let worker = WorkerId::new();
     let RegisterRequest { name, slots, level, .. } = request;
     state.store().run(Register { worker, name, slots, level, token: caller.named() }).await?;

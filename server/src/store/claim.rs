@@ -1,7 +1,7 @@
 //! Ready jobs are leased.
 
 use std::collections::hash_map::Entry;
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
@@ -11,6 +11,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::names::{named, role_name, unsigned};
 use super::shares::Offer;
+use super::stock::Stock;
 use super::{StoreError, Work};
 use crate::http::cursor::hex;
 
@@ -32,26 +33,31 @@ pub(crate) struct Leased {
 /// share them ([`Rota::share`]); of one study comes first what brings it nearer to its end, then its
 /// samples. Audits come last, each to another worker than its sample.
 pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
+    let mut given: Vec<Option<Leased>> = workers.iter().map(|_| None).collect();
     if workers.is_empty() {
-        return Ok(Vec::new());
+        return Ok(given);
     }
     let offers = list_offers(work.db).await?;
     let order = work.rota.share(&offers, workers.len());
-    let mut rows = list_shared(work.db, &offers, &order).await?;
-    let mut given = Vec::with_capacity(workers.len());
-    for study in order {
-        // Counters are right, so there is a row for each place.
-        let Some((role, row)) = rows.get_mut(&study).and_then(VecDeque::pop_front) else { continue };
-        given.push(Some(leased(work, study, role, row).await?));
+    let mut stock = Stock::open(work, &offers, &order).await?;
+    for ((place, study), worker) in given.iter_mut().zip(order).zip(workers) {
+        let found = match stock.take(study, *worker) {
+            Some((role, row)) => Some((study, role, row)),
+            None => stock.take_any(work, &offers, *worker).await?,
+        };
+        if let Some((study, role, row)) = found {
+            *place = Some(leased(work, study, role, row).await?);
+        }
     }
-    if given.len() < workers.len()
+    let open: Vec<usize> = (0..workers.len()).filter(|place| given[*place].is_none()).collect();
+    if !open.is_empty()
         && let Some(study) = find_audited(work.db).await?
     {
-        for row in list_audits(work.db, study, &workers[given.len()..]).await? {
-            given.push(match row {
-                Some(row) => Some(leased(work, study, JobRole::Audit, row).await?),
-                None => None,
-            });
+        let asking: Vec<WorkerId> = open.iter().map(|place| workers[*place]).collect();
+        for (place, row) in open.into_iter().zip(list_audits(work.db, study, &asking).await?) {
+            if let Some(row) = row {
+                given[place] = Some(leased(work, study, JobRole::Audit, row).await?);
+            }
         }
     }
     let holders: Vec<_> =
@@ -60,26 +66,6 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
         lease_jobs(work, &holders).await?;
     }
     Ok(given)
-}
-
-/// Ready jobs of each study in this order, as many as it has places there.
-async fn list_shared(
-    db: &mut SqliteConnection,
-    offers: &[Offer],
-    order: &[i64],
-) -> Result<HashMap<i64, VecDeque<(JobRole, ReadyRow)>>, StoreError> {
-    let mut places: HashMap<i64, usize> = HashMap::new();
-    for study in order {
-        *places.entry(*study).or_default() += 1;
-    }
-    let mut found: HashMap<i64, VecDeque<_>> = HashMap::new();
-    for offer in offers {
-        let Some(left) = places.get_mut(&offer.study).filter(|left| **left > 0) else { continue };
-        let rows = list_ready(db, offer.study, offer.role, *left).await?;
-        *left -= rows.len();
-        found.entry(offer.study).or_default().extend(rows.into_iter().map(|row| (offer.role, row)));
-    }
-    Ok(found)
 }
 
 /// The lease of a job as this attempt.
@@ -169,15 +155,15 @@ async fn find_audited(db: &mut SqliteConnection) -> Result<Option<i64>, StoreErr
 /// Job, the attempt it is leased as, ordinal, parameters.
 pub(super) type ReadyRow = (i64, i64, i64, Option<String>);
 
-/// Nobody else writes between this and the lease.
-async fn list_ready(
+/// Ready jobs, with how often each failed. Nobody else writes between this and the lease.
+pub(super) async fn list_ready(
     db: &mut SqliteConnection,
     study: i64,
     role: JobRole,
     limit: usize,
-) -> Result<Vec<ReadyRow>, StoreError> {
-    let rows = sqlx::query_as(
-        "select job, attempt + 1, ordinal, parameters from jobs
+) -> Result<Vec<(ReadyRow, i64)>, StoreError> {
+    let rows: Vec<(i64, i64, i64, Option<String>, i64)> = sqlx::query_as(
+        "select job, attempt + 1, ordinal, parameters, failures from jobs
          where state = 'ready' and study = ? and role = ? order by ordinal limit 0 + ?",
     )
     .bind(study)
@@ -185,7 +171,7 @@ async fn list_ready(
     .bind(limit as i64)
     .fetch_all(db)
     .await?;
-    Ok(rows)
+    Ok(rows.into_iter().map(|(job, attempt, ordinal, p, failures)| ((job, attempt, ordinal, p), failures)).collect())
 }
 
 async fn lease_jobs(work: &mut Work<'_>, holders: &[(i64, String)]) -> Result<(), StoreError> {

@@ -7,10 +7,9 @@ use manduca_protocol::task::{JobKind, Provenance};
 use manduca_protocol::view::{JobRole, JobState};
 use sqlx::sqlite::SqliteConnection;
 
-use super::evidence::{Class, refuse};
-use super::fail::{Cause, fail_attempt};
+use super::StoreError;
+use super::evidence::Class;
 use super::names::{kind_of, named, unsigned, uuid};
-use super::{StoreError, Work};
 
 /// A result as it goes into the store, checked and serialised before it queues.
 #[derive(Debug, Clone)]
@@ -125,77 +124,73 @@ fn awaits(job: &JobRow, worker: WorkerId, result: &Prepared) -> bool {
     waits && job.is_held_by(worker, result.attempt)
 }
 
-/// What became of a result which is not simply stored.
-pub(super) enum Taken {
-    /// Stored before.
+/// What becomes of a result without a [`verdict`].
+pub(super) enum Judged {
+    /// It is stored already.
     Replay,
-    /// Not stored.
-    Refused(String),
-    /// Not stored, and its attempt thereby failed; the study whose job it was.
-    Failed(String, i64),
+    /// It is not stored.
+    Refused(Class, String),
+    /// It is not stored, and its attempt thereby fails.
+    Unusable(String),
 }
 
-/// Judges a result without a [`verdict`].
-pub(super) async fn complete(work: &mut Work<'_>, worker: WorkerId, result: &Prepared) -> Result<Taken, StoreError> {
-    let Some(job) = find_job(work.db, result.job).await? else {
-        return Ok(Taken::Refused("there is no such job".into()));
-    };
-    if awaits(&job, worker, result) {
-        let why = match &result.outcome {
+/// The result a finished job has: its digest and the instruction level it is from.
+pub(super) type Stored = (Vec<u8>, String);
+
+/// Judges a result without a [`verdict`] by its job, and by what a finished job has.
+pub(super) fn judge(job: Option<&JobRow>, stored: Option<&Stored>, worker: WorkerId, result: &Prepared) -> Judged {
+    let Some(job) = job else { return Judged::Refused(Class::Refused, NO_JOB.into()) };
+    if awaits(job, worker, result) {
+        return Judged::Unusable(match &result.outcome {
             Outcome::Unusable(why) => why.clone(),
             _ => format!("the worker returned the result of another kind of job, {:?}", result.kind),
-        };
-        return fail_unusable(work, worker, job, result, why).await;
+        });
     }
     let reason = match job.state {
-        JobState::Succeeded | JobState::Infeasible => return compare(work, worker, &job, result).await,
+        JobState::Succeeded | JobState::Infeasible => return compare(job, stored, worker, result),
         JobState::Cancelled => "the study was cancelled",
         JobState::Dead => "the job was given up before",
         _ => "this attempt is no longer the job's present one",
     };
-    refuse(work, worker, result, Class::Refused, reason).await?;
-    Ok(Taken::Refused(reason.into()))
+    Judged::Refused(Class::Refused, reason.into())
 }
 
-async fn fail_unusable(
-    work: &mut Work<'_>,
-    worker: WorkerId,
-    job: JobRow,
-    result: &Prepared,
-    why: String,
-) -> Result<Taken, StoreError> {
-    refuse(work, worker, result, Class::Refused, &why).await?;
-    if job.state == JobState::Leased {
-        fail_attempt(work, &job, Cause::Failed(&why)).await?;
-    }
-    Ok(Taken::Failed(why, job.study))
-}
+/// Why what is said of an unknown job is refused.
+const NO_JOB: &str = "there is no such job";
 
 /// A finished job's second result: the same, or evidence.
-async fn compare(work: &mut Work<'_>, worker: WorkerId, job: &JobRow, result: &Prepared) -> Result<Taken, StoreError> {
-    let stored = find_digest(work.db, job.job).await?;
-    let same = stored.as_ref().is_some_and(|(digest, _)| digest == result.digest.as_slice());
+fn compare(job: &JobRow, stored: Option<&Stored>, worker: WorkerId, result: &Prepared) -> Judged {
+    let same = stored.is_some_and(|(digest, _)| digest == result.digest.as_slice());
     if same && job.is_held_by(worker, result.attempt) {
-        return Ok(Taken::Replay);
+        return Judged::Replay;
     }
     // Levels without common arithmetic may differ in the last bits: only equal ones are compared.
-    let comparable = stored.as_ref().is_some_and(|(_, level)| *level == result.provenance.level);
+    let comparable = stored.is_some_and(|(_, level)| *level == result.provenance.level);
     let (class, reason) = match (same, comparable) {
         (true, _) => (Class::Refused, "the job has this result already, from another attempt"),
         (false, true) => (Class::Nondeterminism, "the job is finished and has a different result"),
         (false, false) => (Class::Refused, "the job is finished, with a result of another instruction level"),
     };
-    refuse(work, worker, result, class, reason).await?;
-    Ok(Taken::Refused(reason.into()))
+    Judged::Refused(class, reason.into())
 }
 
-async fn find_digest(db: &mut SqliteConnection, job: JobId) -> Result<Option<(Vec<u8>, String)>, StoreError> {
-    let found = sqlx::query_as(
-        "select r.digest, r.level from jobs as j join results as r on r.job = coalesce(j.result_of, j.job)
-         where j.job = ?",
+/// What those of these jobs have which are finished.
+pub(super) async fn find_stored(
+    db: &mut SqliteConnection,
+    jobs: impl Iterator<Item = &JobRow>,
+) -> Result<HashMap<JobId, Stored>, StoreError> {
+    let finished = |job: &&JobRow| matches!(job.state, JobState::Succeeded | JobState::Infeasible);
+    let jobs: Vec<JobId> = jobs.filter(finished).map(|job| job.job).collect();
+    if jobs.is_empty() {
+        return Ok(HashMap::new());
+    }
+    let jobs = serde_json::to_string(&jobs).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    let rows: Vec<(i64, Vec<u8>, String)> = sqlx::query_as(
+        "select j.job, r.digest, r.level from json_each(?) as d cross join jobs as j on j.job = d.value
+         cross join results as r on r.job = coalesce(j.result_of, j.job)",
     )
-    .bind(job.0)
-    .fetch_optional(db)
+    .bind(jobs)
+    .fetch_all(db)
     .await?;
-    Ok(found)
+    Ok(rows.into_iter().map(|(job, digest, level)| (JobId(job), (digest, level))).collect())
 }

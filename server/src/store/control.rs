@@ -5,6 +5,7 @@ use manduca_protocol::view::{JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
 use super::advance::{StudyRow, advance, end_stage, find_study, set_stage};
+use super::blame;
 use super::count::read_counts;
 use super::names::{Condition, Stage, role_name};
 use super::{Operation, StoreError, Work};
@@ -205,6 +206,7 @@ async fn revive_dead(db: &mut SqliteConnection, study: i64, role: JobRole) -> Re
     if read_counts(&mut *db, study, role).await?.dead == 0 {
         return Ok(0);
     }
+    blame::forget(&mut *db, study, role_name(role)).await?;
     let revived = sqlx::query(
         "update jobs set state = 'ready', failures = 0, losses = 0, worker = null
          where state = 'dead' and study = ? and role = ?",

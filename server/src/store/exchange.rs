@@ -9,7 +9,7 @@ mod claims;
 mod renewals;
 mod results;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeSet, HashMap};
 
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::worker::{Failure, Rejected};
@@ -18,8 +18,9 @@ use super::advance::advance_ended;
 use super::checkpoint::PreparedRenewal;
 use super::claim::Leased;
 use super::complete::Prepared;
+use super::evidence::{Evidence, settle};
 use super::fail::{Reported, fail};
-use super::workers::{Tally, add_to_tallies, touch, why_unknown};
+use super::workers::{Standing, Tallies, add_to_tallies, list_able, touch, why_unknown};
 use super::{StoreError, Work};
 use crate::auth::Caller;
 
@@ -56,6 +57,8 @@ pub(crate) struct Exchanged {
     pub(crate) leased: Vec<Leased>,
     pub(crate) cancel: Vec<JobId>,
     pub(crate) drain: bool,
+    /// Whether it holds as many jobs as it may: it wants more, but not yet.
+    pub(crate) held_back: bool,
 }
 
 impl Exchanged {
@@ -74,6 +77,7 @@ pub(super) struct Party<'e> {
     pub(super) exchange: &'e Exchange,
     /// Jobs it may be given.
     pub(super) want: usize,
+    standing: &'e Standing,
     pub(super) told: Exchanged,
 }
 
@@ -90,7 +94,9 @@ pub(super) struct Effects {
     /// Studies whose jobs ended or failed.
     pub(super) moved: BTreeSet<i64>,
     /// What each worker has finished and failed.
-    pub(super) tallies: BTreeMap<WorkerId, Tally>,
+    pub(super) tallies: Tallies,
+    /// What is refused.
+    pub(super) evidence: Evidence,
 }
 
 /// Takes all that a group of exchanges brings, then gives out what they ask for.
@@ -106,7 +112,8 @@ pub(super) async fn exchange_all(
         .filter_map(|exchange| {
             let standing = is_known(exchange)?;
             let want = if standing.may_work() { exchange.want as usize } else { 0 };
-            Some(Party { exchange, want, told: Exchanged { drain: standing.draining, ..Exchanged::default() } })
+            let told = Exchanged { drain: standing.draining, ..Exchanged::default() };
+            Some(Party { exchange, want, standing, told })
         })
         .collect();
     let mut effects = Effects::default();
@@ -115,10 +122,12 @@ pub(super) async fn exchange_all(
         take_failures(work, party, &mut effects).await?;
     }
     renewals::take(work, &mut parties).await?;
+    settle(work, std::mem::take(&mut effects.evidence)).await?;
     add_to_tallies(work, &effects.tallies).await?;
     // Once per study, not per job: all results are in by now.
     advance_ended(work, &effects.moved).await?;
     again::give(work, &mut parties).await?;
+    hold_back(work, &mut parties, &effects.tallies).await?;
     // One quarantined just now may still be given jobs: it is only a suspicion, and they are fenced.
     claims::give(work, &mut parties).await?;
     let mut told = parties.into_iter().map(|party| party.told);
@@ -133,11 +142,34 @@ pub(super) async fn exchange_all(
     Ok(answers)
 }
 
+/// Bounds what each worker wants by what it may hold, several exchanges of one together.
+async fn hold_back(work: &mut Work<'_>, parties: &mut [Party<'_>], tallies: &Tallies) -> Result<(), StoreError> {
+    let ended = |party: &Party<'_>| tallies.get(&party.exchange.worker).copied().unwrap_or_default();
+    let doubted = parties.iter().any(|party| party.left() > 0 && party.standing.is_doubted(ended(party)));
+    // Whether another is there matters only to those in doubt.
+    let able = if doubted { list_able(work, 2).await? } else { Vec::new() };
+    let mut rooms: HashMap<WorkerId, usize> = HashMap::new();
+    for party in parties {
+        let (worker, left) = (party.exchange.worker, party.left());
+        let room = rooms.entry(worker).or_insert_with(|| {
+            let is_alone = able.iter().all(|other| *other == worker);
+            party.standing.room(work.config, ended(party), is_alone)
+        });
+        party.told.held_back = left > 0 && *room == 0;
+        let given = left.min(*room);
+        *room -= given;
+        party.want -= left - given;
+    }
+    Ok(())
+}
+
 async fn take_failures(work: &mut Work<'_>, party: &mut Party<'_>, effects: &mut Effects) -> Result<(), StoreError> {
     for failure in &party.exchange.fail {
-        match fail(work, party.exchange.worker, failure).await? {
+        match fail(work, party.exchange.worker, failure, &mut effects.tallies).await? {
             Reported::Counted(study) => {
-                effects.tallies.entry(party.exchange.worker).or_default().failed += 1;
+                let tally = effects.tallies.entry(party.exchange.worker).or_default();
+                tally.failed += 1;
+                tally.released += 1;
                 effects.moved.insert(study);
                 party.told.accepted.push(failure.job);
             }

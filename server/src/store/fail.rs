@@ -2,9 +2,11 @@
 
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::view::JobState;
-use manduca_protocol::worker::Failure;
+use manduca_protocol::worker::{Failure, Fault};
 
+use super::blame::{self, Failed};
 use super::complete::{JobRow, find_job};
+use super::workers::Tallies;
 use super::{StoreError, Work};
 use crate::event::Event;
 
@@ -22,7 +24,12 @@ pub(super) enum Reported {
 }
 
 /// A worker reports that its attempt failed.
-pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failure) -> Result<Reported, StoreError> {
+pub(super) async fn fail(
+    work: &mut Work<'_>,
+    worker: WorkerId,
+    failure: &Failure,
+    tallies: &mut Tallies,
+) -> Result<Reported, StoreError> {
     let Some(job) = find_job(work.db, failure.job).await? else {
         return Ok(Reported::Refused("there is no such job".into()));
     };
@@ -32,7 +39,8 @@ pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failur
     match job.state {
         JobState::Leased => {
             let reason: String = failure.reason.chars().take(LONGEST_REASON).collect();
-            fail_attempt(work, &job, Cause::Failed(&reason)).await?;
+            let failed = Failed { worker, fault: failure.fault.unwrap_or(Fault::Machine), reason: &reason };
+            fail_attempt(work, &job, Cause::Failed(failed), tallies).await?;
             Ok(Reported::Counted(job.study))
         }
         // The answer to the first report was lost, or the lease expired meanwhile: it is counted.
@@ -46,7 +54,7 @@ pub(super) async fn fail(work: &mut Work<'_>, worker: WorkerId, failure: &Failur
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Cause<'r> {
     /// Its worker said so, or returned what is of no use.
-    Failed(&'r str),
+    Failed(Failed<'r>),
     /// Its worker was not heard of.
     Expired(&'r str),
 }
@@ -56,17 +64,26 @@ pub(super) enum Cause<'r> {
 /// may be the machine. A lease which expired has been waited for: its job is ready at
 /// once, and it is given up much later, since it is hardly ever the job which takes its
 /// worker away.
-pub(super) async fn fail_attempt(work: &mut Work<'_>, job: &JobRow, cause: Cause<'_>) -> Result<(), StoreError> {
+pub(super) async fn fail_attempt(
+    work: &mut Work<'_>,
+    job: &JobRow,
+    cause: Cause<'_>,
+    tallies: &mut Tallies,
+) -> Result<(), StoreError> {
     let (reason, expired) = match cause {
-        Cause::Failed(reason) => (reason, false),
+        Cause::Failed(failed) => (failed.reason, false),
         Cause::Expired(reason) => (reason, true),
     };
     let (failures, losses) = (job.failures + u32::from(!expired), job.losses + u32::from(expired));
-    let dead = failures >= work.config.max_attempts || losses >= work.config.max_losses;
+    let dead = match cause {
+        Cause::Failed(failed) => blame::note(work, job.job, job.attempt, failures, failed, tallies).await?,
+        Cause::Expired(_) => losses >= work.config.max_losses,
+    };
     let (state, not_before) = match (dead, expired) {
         (true, _) => ("dead", None),
         (false, true) => ("ready", None),
-        (false, false) => ("delayed", Some(work.now + work.config.backoff_ms(failures))),
+        // What nobody credible has tried yet does not wait for long.
+        (false, false) => ("delayed", Some(work.now + work.config.backoff_ms(failures.min(work.config.max_attempts)))),
     };
     set_failed(work, job.job, state, [failures, losses], not_before, reason).await?;
     work.events.push(Event::Failed {

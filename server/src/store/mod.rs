@@ -6,6 +6,7 @@
 
 mod add;
 mod advance;
+mod blame;
 mod body;
 mod checkpoint;
 mod claim;
@@ -28,6 +29,7 @@ mod recover;
 mod search;
 mod shares;
 mod specs;
+mod stock;
 mod submit;
 mod sweep;
 mod tokens;

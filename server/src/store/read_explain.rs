@@ -2,12 +2,13 @@
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::view::{JobRole, JobState};
-use manduca_protocol::watch::LeaseView;
+use manduca_protocol::watch::{FailedAttempt, LeaseView};
 use manduca_protocol::who::ComputedBy;
 
 use super::names::{Condition, kind_of, named, unsigned, uuid};
 use super::read_jobs::RawOrigin;
 use super::{Store, StoreError};
+use crate::clock::rfc3339;
 use crate::config::Config;
 
 /// What an explanation is made of.
@@ -94,6 +95,18 @@ impl Store {
         })
     }
 
+    /// The attempts at a job which failed, the first first.
+    pub(crate) async fn failed_attempts(&self, job: JobId) -> Result<Vec<FailedAttempt>, StoreError> {
+        let rows: Vec<RawFailure> = sqlx::query_as(
+            "select f.attempt, f.worker, w.name, w.token, f.fault, f.reason, f.failed_ms
+             from failures as f left join workers as w on w.id = f.worker where f.job = ? order by f.attempt",
+        )
+        .bind(job.0)
+        .fetch_all(self.readers())
+        .await?;
+        rows.into_iter().map(failed_attempt).collect()
+    }
+
     /// Ready jobs which are leased before this one, about: all before it in its own study, and as many of
     /// each other running study, for they share. Audits come last.
     pub(crate) async fn jobs_ahead(&self, job: JobId) -> Result<u64, StoreError> {
@@ -123,4 +136,27 @@ impl Store {
         .await?;
         unsigned(own + others)
     }
+}
+
+#[derive(sqlx::FromRow)]
+struct RawFailure {
+    attempt: i64,
+    worker: Vec<u8>,
+    name: Option<String>,
+    token: Option<String>,
+    fault: String,
+    reason: String,
+    failed_ms: i64,
+}
+
+fn failed_attempt(raw: RawFailure) -> Result<FailedAttempt, StoreError> {
+    Ok(FailedAttempt {
+        attempt: unsigned(raw.attempt)?,
+        worker: WorkerId(uuid(&raw.worker)?),
+        worker_name: raw.name,
+        token: raw.token,
+        fault: raw.fault,
+        reason: raw.reason,
+        at: rfc3339(raw.failed_ms),
+    })
 }

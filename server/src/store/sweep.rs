@@ -2,14 +2,17 @@
 
 use std::collections::BTreeSet;
 
-use manduca_protocol::ids::JobId;
+use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::task::JobKind;
+use manduca_protocol::worker::Fault;
 use sqlx::sqlite::SqliteConnection;
 
 use super::advance::advance_ended;
+use super::blame::Failed;
 use super::complete::find_job;
 use super::fail::{Cause, fail_attempt};
-use super::names::{kind_of, named};
+use super::names::{kind_of, named, uuid};
+use super::workers::{Tallies, add_to_tallies};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
 use crate::event::Event;
@@ -24,7 +27,7 @@ impl Operation for Sweep {
     type Output = ();
 
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
-        let mut moved = BTreeSet::new();
+        let (mut moved, mut tallies) = (BTreeSet::new(), Tallies::new());
         for (job, worker) in list_expired(work.db, work.now).await? {
             let Some(job) = find_job(work.db, JobId(job)).await? else { continue };
             let worker = worker.unwrap_or_else(|| "unknown".into());
@@ -32,16 +35,19 @@ impl Operation for Sweep {
                 "the lease expired: worker `{worker}` was not heard of for {} s",
                 work.config.lease.as_secs_f64()
             );
-            fail_attempt(work, &job, Cause::Expired(&reason)).await?;
+            fail_attempt(work, &job, Cause::Expired(&reason), &mut tallies).await?;
             moved.insert(job.study);
         }
         for (job, kind) in list_overdue(work).await? {
             let Some(job) = find_job(work.db, JobId(job)).await? else { continue };
             let limit = work.config.run_limits.of(kind).as_secs_f64();
             let reason = format!("the attempt exceeded its run limit of {limit} s, and its worker did not end it");
-            fail_attempt(work, &job, Cause::Failed(&reason)).await?;
+            let worker = WorkerId(job.worker.as_deref().map(uuid).transpose()?.unwrap_or_default());
+            let failed = Failed { worker, fault: Fault::Machine, reason: &reason };
+            fail_attempt(work, &job, Cause::Failed(failed), &mut tallies).await?;
             moved.insert(job.study);
         }
+        add_to_tallies(work, &tallies).await?;
         advance_ended(work, &moved).await?;
         if wake_delayed(work).await? > 0 {
             work.events.push(Event::Ready);

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, HashMap};
 
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
+use manduca_protocol::worker::MAX_WAIT_S;
 
-use super::names::uuid;
+use super::names::{unsigned, uuid};
 use super::{Operation, StoreError, Work};
 use crate::auth::Caller;
-use crate::config::millis;
+use crate::config::{Config, millis};
 use crate::event::Event;
 use crate::http::cursor::hex;
 
@@ -105,6 +106,10 @@ async fn give_back_leases(work: &mut Work<'_>, worker: WorkerId) -> Result<u64, 
     Ok(returned.rows_affected())
 }
 
+/// Failures which nobody has confirmed or contradicted count for this long, ms. Workers which wait
+/// for each other's verdicts go on by then.
+pub(super) const DOUBT_MS: i64 = 60_000;
+
 /// How the coordinator stands to a worker.
 #[derive(Debug, Clone)]
 pub(super) struct Standing {
@@ -112,12 +117,36 @@ pub(super) struct Standing {
     pub(super) token: Option<String>,
     quarantined: bool,
     pub(super) draining: bool,
+    slots: u32,
+    leased: u32,
+    is_proven: bool,
+    /// Failures of it which nobody has confirmed or contradicted yet.
+    doubts: u32,
 }
 
 impl Standing {
     /// Whether it is given jobs.
     pub(super) fn may_work(&self) -> bool {
         !self.quarantined && !self.draining
+    }
+
+    /// Jobs it may be given now, after what has just ended. Its failures in doubt count where another
+    /// worker could confirm or contradict them.
+    pub(super) fn room(&self, config: &Config, ended: Tally, is_alone: bool) -> usize {
+        let leased = self.leased.saturating_sub(ended.released);
+        let doubts = if is_alone { 0 } else { self.doubts + ended.failed };
+        let most = self.slots.saturating_mul(config.leases_per_slot);
+        let most = match self.is_proven || ended.completed > 0 {
+            true if doubts >= config.doubts => 0,
+            true => most,
+            false => most.min(config.probation.saturating_sub(doubts)),
+        };
+        most.saturating_sub(leased) as usize
+    }
+
+    /// Whether it matters if another worker is there.
+    pub(super) fn is_doubted(&self, ended: Tally) -> bool {
+        self.doubts + ended.failed > 0
     }
 }
 
@@ -127,6 +156,10 @@ struct RawStanding {
     quarantined_until_ms: Option<i64>,
     draining: bool,
     token: Option<String>,
+    slots: i64,
+    completed: i64,
+    leased: i64,
+    doubts: i64,
 }
 
 /// Notes that workers were heard of, each from this caller. Returns those which are registered, have
@@ -142,19 +175,49 @@ pub(super) async fn touch(
          from json_each(?2) as d
          where workers.id = unhex(d.value ->> 0) and left_ms is null
            and (token is null or d.value ->> 1 is null or token = d.value ->> 1)
-         returning id, quarantined_until_ms, draining, token",
+         returning id, quarantined_until_ms, draining, token, slots, completed,
+           (select count(*) from jobs as j where j.state = 'leased' and j.worker = workers.id) as leased,
+           (select count(*) from failures as f where f.open = 1 and f.worker = workers.id and f.failed_ms > ?3) as doubts",
     )
     .bind(work.now)
     .bind(named)
+    .bind(work.now - DOUBT_MS)
     .fetch_all(&mut *work.db)
     .await?;
     known.into_iter().map(|raw| standing(raw, work.now)).collect()
 }
 
 fn standing(raw: RawStanding, now: i64) -> Result<(WorkerId, Standing), StoreError> {
-    let quarantined = raw.quarantined_until_ms.is_some_and(|until| until > now);
-    let standing = Standing { token: raw.token, quarantined, draining: raw.draining };
+    let standing = Standing {
+        token: raw.token,
+        quarantined: raw.quarantined_until_ms.is_some_and(|until| until > now),
+        draining: raw.draining,
+        slots: unsigned(raw.slots)?,
+        leased: unsigned(raw.leased)?,
+        is_proven: raw.completed > 0,
+        doubts: unsigned(raw.doubts)?,
+    };
     Ok((WorkerId(uuid(&raw.id)?), standing))
+}
+
+/// Since when a worker must have been heard of to count as there. One that waits for work says
+/// nothing meanwhile.
+pub(super) fn alive_since(work: &Work<'_>) -> i64 {
+    work.now - work.config.lease_ms() - (MAX_WAIT_S * 1000.0) as i64
+}
+
+/// Some workers which are there and may be given jobs.
+pub(super) async fn list_able(work: &mut Work<'_>, limit: usize) -> Result<Vec<WorkerId>, StoreError> {
+    let able: Vec<Vec<u8>> = sqlx::query_scalar(
+        "select id from workers where left_ms is null and last_seen_ms >= ? and draining = 0
+           and coalesce(quarantined_until_ms, 0) <= ? limit 0 + ?",
+    )
+    .bind(alive_since(work))
+    .bind(work.now)
+    .bind(limit as i64)
+    .fetch_all(&mut *work.db)
+    .await?;
+    able.iter().map(|id| uuid(id).map(WorkerId)).collect()
 }
 
 /// Why a worker is not among those [`touch`] returned.
@@ -171,20 +234,29 @@ pub(super) async fn why_unknown(work: &mut Work<'_>, worker: WorkerId) -> Result
 pub(super) struct Tally {
     pub(super) completed: u32,
     pub(super) failed: u32,
+    /// Leases which ended thereby.
+    pub(super) released: u32,
+    /// Strikes, or fewer of them.
+    pub(super) struck: i64,
 }
 
-/// Adds to what workers have finished and failed. One which has failed too often
-/// in a row is set aside for a while: it may be the machine. Afterwards one more
-/// failure sets it aside again, and one success clears it.
-pub(super) async fn add_to_tallies(work: &mut Work<'_>, tallies: &BTreeMap<WorkerId, Tally>) -> Result<(), StoreError> {
+/// The tallies of several workers.
+pub(super) type Tallies = BTreeMap<WorkerId, Tally>;
+
+/// Adds to what workers have finished and failed. One which has too many strikes
+/// is set aside for a while: it may be the machine. Afterwards one more
+/// strike sets it aside again, and one success clears it.
+pub(super) async fn add_to_tallies(work: &mut Work<'_>, tallies: &Tallies) -> Result<(), StoreError> {
     if tallies.is_empty() {
         return Ok(());
     }
-    let rows: Vec<_> = tallies.iter().map(|(w, t)| (hex(w.0.as_bytes()), t.completed, t.failed)).collect();
+    let rows: Vec<_> = tallies.iter().map(|(w, t)| (hex(w.0.as_bytes()), t.completed, t.failed, t.struck)).collect();
     let rows = serde_json::to_string(&rows).map_err(|e| StoreError::Corrupt(e.to_string()))?;
+    // Whoever has strikes taken back goes on at once.
     let counted: Vec<(Vec<u8>, String, i64)> = sqlx::query_as(
         "update workers set completed = completed + (d.value ->> 1), failed = failed + (d.value ->> 2),
-                            strikes = iif(d.value ->> 1 > 0, 0, strikes + (d.value ->> 2))
+                            strikes = iif(d.value ->> 1 > 0, 0, max(0, strikes + (d.value ->> 3))),
+                            quarantined_until_ms = iif(d.value ->> 3 < 0, null, quarantined_until_ms)
          from json_each(?) as d where workers.id = unhex(d.value ->> 0)
          returning id, name, strikes",
     )
@@ -192,10 +264,12 @@ pub(super) async fn add_to_tallies(work: &mut Work<'_>, tallies: &BTreeMap<Worke
     .fetch_all(&mut *work.db)
     .await?;
     for (id, name, strikes) in counted {
-        if strikes >= i64::from(work.config.strikes) {
+        let worker = WorkerId(uuid(&id)?);
+        let struck = tallies.get(&worker).is_some_and(|tally| tally.struck > 0);
+        if struck && strikes >= i64::from(work.config.strikes) {
             quarantine(work, &id).await?;
             let seconds = work.config.quarantine.as_secs_f64();
-            work.events.push(Event::Quarantined { worker: WorkerId(uuid(&id)?), name, strikes, seconds });
+            work.events.push(Event::Quarantined { worker, name, strikes, seconds });
         }
     }
     Ok(())

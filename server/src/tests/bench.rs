@@ -204,5 +204,8 @@ impl Bench {
 
 fn config(folder: &TempDir) -> Config {
     // Time passes by hand here, and so does what time brings.
-    Config { sweep: Duration::from_secs(3600), ..Config::new(folder.path().join("manduca.db")) }
+    let sweep = Duration::from_secs(3600);
+    // Workers of two slots take as many jobs as a test wants to look at.
+    let (leases_per_slot, probation) = (1000, 1000);
+    Config { sweep, leases_per_slot, probation, ..Config::new(folder.path().join("manduca.db")) }
 }

@@ -5,6 +5,7 @@ mod access;
 mod add;
 mod answers;
 mod bench;
+mod blame;
 mod bounded;
 mod checkpoints;
 mod dataset;

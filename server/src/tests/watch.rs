@@ -145,9 +145,9 @@ async fn only_workers_of_a_known_version_of_the_exchange_are_taken() {
         let answer = bench.post("/v1/workers", registration.to_string()).await;
         assert_eq!(answer.problem(426, "protocol-version"), ["/protocol_version"]);
         let detail = answer.json()["detail"].as_str().expect("a sentence").to_owned();
-        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 3"), "{detail}");
-        assert_eq!(answer.header("upgrade"), "manduca-exchange/3");
+        assert!(detail.contains(&format!("version {version} ")) && detail.contains("1 to 4"), "{detail}");
+        assert_eq!(answer.header("upgrade"), "manduca-exchange/4");
     }
     let health = bench.get("/healthz").await.json();
-    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(3)));
+    assert_eq!((health["oldest_protocol_version"].as_u64(), health["protocol_version"].as_u64()), (Some(1), Some(4)));
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use manduca_protocol::ids::JobId;
-use manduca_protocol::worker::{Failure, Lease, Renewal};
+use manduca_protocol::worker::{Failure, Fault, Lease, Renewal};
 use tokio::sync::watch;
 use tokio::task::{Id, JoinSet};
 use tokio::time::Instant;
@@ -80,7 +80,7 @@ impl Running {
                 let job = self.entries.iter().find(|(_, e)| e.task == error.id()).map(|(&job, _)| job);
                 let lost = job.and_then(|job| Some((job, self.entries.remove(&job)?.attempt)));
                 let reason = format!("the worker failed: {error}");
-                Ended::Lost(lost.map(|(job, attempt)| Failure { job, attempt, reason }))
+                Ended::Lost(lost.map(|(job, attempt)| Failure { job, attempt, reason, fault: Some(Fault::Machine) }))
             }
         }
     }

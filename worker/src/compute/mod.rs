@@ -11,6 +11,7 @@ pub use simulate::simulate;
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::task::{BoundsMessage, Checkpoint, JobResult, Progress, Scaled, Task};
+use manduca_protocol::worker::Fault;
 
 /// Why a task has no result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -24,6 +25,16 @@ pub enum ComputeError {
     /// The science says why.
     #[error("{0}")]
     Failed(String),
+}
+
+impl ComputeError {
+    /// Whether the task is not valid, or failed while it was computed.
+    pub fn fault(&self) -> Fault {
+        match self {
+            Self::Refused(_) => Fault::Refused,
+            Self::NonFinite | Self::Failed(_) => Fault::Failed,
+        }
+    }
 }
 
 fn list(faults: &[FieldProblem]) -> String {

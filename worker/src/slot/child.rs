@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use manduca_numerics::simulation;
 use manduca_protocol::task::{Checkpoint, Progress, Provenance, Task};
+use manduca_protocol::worker::Fault;
 
 use super::Message;
 use crate::compute::{self, Listener};
@@ -98,7 +99,10 @@ impl Listener for Teller<'_> {
 fn answer(line: &str, say: &mut dyn FnMut(&Message)) {
     let task: Task = match serde_json::from_str(line) {
         Ok(task) => task,
-        Err(e) => return say(&Message::Failed { reason: format!("the slot cannot read its task: {e}") }),
+        Err(e) => {
+            let reason = format!("the slot cannot read its task: {e}");
+            return say(&Message::Failed { reason, fault: Fault::Machine });
+        }
     };
     let start = Instant::now();
     let mut teller = Teller { say: &mut *say, progress: start, checkpoint: start };
@@ -109,8 +113,8 @@ fn answer(line: &str, say: &mut dyn FnMut(&Message)) {
             let provenance = Provenance { wall_s: start.elapsed().as_secs_f64(), level: simulation::level().into() };
             Message::Done { result, provenance }
         }
-        Ok(Err(error)) => Message::Failed { reason: error.to_string() },
-        Err(payload) => Message::Failed { reason: panic_reason(payload.as_ref()) },
+        Ok(Err(error)) => Message::Failed { reason: error.to_string(), fault: error.fault() },
+        Err(payload) => Message::Failed { reason: panic_reason(payload.as_ref()), fault: Fault::Machine },
     });
 }
 
@@ -154,7 +158,10 @@ mod tests {
     #[test]
     fn a_task_it_cannot_read_is_a_failure_not_an_end() {
         let all = said("{\"kind\":\"dance\"}");
-        assert!(matches!(&all[..], [Message::Failed { reason }] if reason.contains("cannot read")), "{all:?}");
+        assert!(
+            matches!(&all[..], [Message::Failed { reason, fault: Fault::Machine }] if reason.contains("cannot read")),
+            "{all:?}"
+        );
     }
 
     #[test]
@@ -165,7 +172,8 @@ mod tests {
             "sweep_amplitude_deg":60,"elevation_amplitude_deg":0,"rotation_amplitude_deg":60,"sweep_shape":0,
             "rotation_shape":1}}"#,
         );
-        assert!(matches!(&all[..], [Message::Failed { reason }] if reason.contains("/model/insect")), "{all:?}");
+        let [Message::Failed { reason, fault }] = &all[..] else { panic!("{all:?}") };
+        assert!(reason.contains("/model/insect") && *fault == Fault::Refused, "{all:?}");
     }
 
     #[test]

@@ -14,6 +14,7 @@ pub use child::slot_main;
 pub use parent::{Outcome, Slot};
 
 use manduca_protocol::task::{Checkpoint, JobResult, Progress, Provenance};
+use manduca_protocol::worker::Fault;
 use serde::{Deserialize, Serialize};
 
 /// What is known of a task while it is computed.
@@ -47,5 +48,7 @@ pub enum Message {
     Failed {
         /// Why.
         reason: String,
+        /// What is to blame.
+        fault: Fault,
     },
 }

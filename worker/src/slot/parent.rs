@@ -6,6 +6,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use manduca_protocol::task::{JobResult, Provenance, Task};
+use manduca_protocol::worker::Fault;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::sync::watch;
@@ -22,8 +23,8 @@ const AFTER_A_FAILED_START: Duration = Duration::from_secs(1);
 pub enum Outcome {
     /// With a result.
     Done(Box<JobResult>, Provenance),
-    /// Without one.
-    Failed(String),
+    /// Without one, and what is to blame.
+    Failed(String, Fault),
     /// Its lease was taken away; no one waits for an answer.
     Cancelled,
 }
@@ -64,7 +65,7 @@ impl Slot {
                 () = stop.cancelled() => {}
                 () = tokio::time::sleep(AFTER_A_FAILED_START) => {}
             }
-            return Outcome::Failed(reason);
+            return Outcome::Failed(reason, Fault::Machine);
         }
         tokio::select! {
             biased;
@@ -74,11 +75,11 @@ impl Slot {
             }
             () = tokio::time::sleep(limit) => {
                 self.kill().await;
-                Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()))
+                Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()), Fault::Machine)
             }
             answer = self.converse(task, news) => match answer {
                 Ok(outcome) => outcome,
-                Err(trouble) => Outcome::Failed(self.bury(trouble).await),
+                Err(trouble) => Outcome::Failed(self.bury(trouble).await, Fault::Machine),
             }
         }
     }
@@ -118,7 +119,7 @@ impl Slot {
                 Message::Progress(at) => news.send_modify(|news| news.progress = Some(at)),
                 Message::Checkpoint { at } => news.send_modify(|news| news.checkpoint = Some(at)),
                 Message::Done { result, provenance } => return Ok(Outcome::Done(Box::new(result), provenance)),
-                Message::Failed { reason } => return Ok(Outcome::Failed(reason)),
+                Message::Failed { reason, fault } => return Ok(Outcome::Failed(reason, fault)),
             }
         }
         Err(io::ErrorKind::UnexpectedEof.into())
@@ -184,7 +185,7 @@ mod tests {
         let outcome = slot.run(&task(), limit, &progress, &CancellationToken::new()).await;
         let at = at.borrow().progress.clone();
         match outcome {
-            Outcome::Failed(reason) => (reason, at),
+            Outcome::Failed(reason, _) => (reason, at),
             other => panic!("{other:?}"),
         }
     }

@@ -45,7 +45,7 @@ fn after(task: &Task, slot: &mut std::process::Child) -> Result<Option<f64>> {
         match serde_json::from_str(&line?)? {
             Message::Progress(_) | Message::Checkpoint { .. } => {}
             Message::Done { .. } => return Ok(resident_peak_mb(slot.id())),
-            Message::Failed { reason } => bail!("the slot failed: {reason}"),
+            Message::Failed { reason, .. } => bail!("the slot failed: {reason}"),
         }
     }
     bail!("the slot broke off")

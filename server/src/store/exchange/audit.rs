@@ -6,11 +6,15 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::results::Finish;
 use crate::event::Event;
-use crate::store::evidence::{Class, refuse};
+use crate::store::evidence::{Class, Evidence, refuse};
 use crate::store::{StoreError, Work};
 
 /// A finished sample may be chosen for an audit; a finished audit is compared.
-pub(super) async fn follow(work: &mut Work<'_>, finished: &Finish<'_>) -> Result<(), StoreError> {
+pub(super) async fn follow(
+    work: &mut Work<'_>,
+    finished: &Finish<'_>,
+    evidence: &mut Evidence,
+) -> Result<(), StoreError> {
     match (finished.role, &finished.key) {
         (JobRole::Sample, Some(key)) => {
             let (_, spec) = work.specs.of(work.db, finished.study).await?;
@@ -20,7 +24,7 @@ pub(super) async fn follow(work: &mut Work<'_>, finished: &Finish<'_>) -> Result
             }
             Ok(())
         }
-        (JobRole::Audit, _) => compare(work, finished).await,
+        (JobRole::Audit, _) => compare(work, finished, evidence).await,
         _ => Ok(()),
     }
 }
@@ -43,7 +47,7 @@ async fn insert_audit(db: &mut SqliteConnection, sample: JobId) -> Result<(), St
     Ok(())
 }
 
-async fn compare(work: &mut Work<'_>, audit: &Finish<'_>) -> Result<(), StoreError> {
+async fn compare(work: &mut Work<'_>, audit: &Finish<'_>, evidence: &mut Evidence) -> Result<(), StoreError> {
     let Some((sample, digest, level)) = find_audited(work.db, audit.result.job).await? else { return Ok(()) };
     let agrees = digest == audit.result.digest;
     if !agrees {
@@ -52,7 +56,7 @@ async fn compare(work: &mut Work<'_>, audit: &Finish<'_>) -> Result<(), StoreErr
         } else {
             (Class::Refused, format!("audit of job {sample}, whose result is of another instruction level"))
         };
-        refuse(work, audit.worker, audit.result, class, &reason).await?;
+        refuse(work, evidence, audit.worker, audit.result, class, &reason).await?;
     }
     let (study, _) = work.specs.of(work.db, audit.study).await?;
     work.events.push(Event::Audited { study, job: JobId(sample), worker: audit.worker, agrees });

@@ -1,16 +1,19 @@
 //! Results of a group of exchanges.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::view::{JobRole, JobState};
-use manduca_protocol::worker::Rejected;
+use manduca_protocol::worker::{Fault, Rejected};
 use sqlx::sqlite::{Sqlite, SqliteConnection};
 use sqlx::{QueryBuilder, Row};
 
 use super::{Effects, Party, audit};
 use crate::event::Event;
-use crate::store::complete::{JobRow, Prepared, Taken, complete, find_jobs, verdict};
+use crate::store::blame::{Failed, contradict};
+use crate::store::complete::{JobRow, Judged, Prepared, Stored, find_jobs, find_stored, judge, verdict};
+use crate::store::evidence::{Class, refuse};
+use crate::store::fail::{Cause, fail_attempt};
 use crate::store::names::{state_name, uuid};
 use crate::store::{StoreError, Work};
 
@@ -25,7 +28,28 @@ pub(super) struct Finish<'r> {
     reason: Option<&'r str>,
     pub(super) study: i64,
     pub(super) role: JobRole,
+    /// Whether an attempt failed before.
+    failed: bool,
     pub(super) key: Option<Vec<u8>>,
+}
+
+/// What is known of the jobs whose results come in.
+#[derive(Default)]
+struct Book {
+    jobs: HashMap<JobId, JobRow>,
+    /// What finished jobs have.
+    stored: HashMap<JobId, Stored>,
+    /// Jobs which have changed since they were looked up.
+    stale: HashSet<JobId>,
+}
+
+impl Book {
+    async fn look_up(&mut self, db: &mut SqliteConnection, named: &[JobId]) -> Result<(), StoreError> {
+        let jobs = find_jobs(db, named).await?;
+        self.stored.extend(find_stored(db, jobs.values()).await?);
+        self.jobs.extend(jobs);
+        Ok(())
+    }
 }
 
 /// Takes the results of all parties, in their order.
@@ -38,16 +62,21 @@ pub(super) async fn take(
     if named.is_empty() {
         return Ok(());
     }
-    let mut jobs = find_jobs(work.db, &named).await?;
+    let mut book = Book::default();
+    book.look_up(work.db, &named).await?;
     let mut pending = Vec::with_capacity(named.len());
     for party in parties {
         let (worker, told) = (party.exchange.worker, &mut party.told);
         for result in &party.exchange.complete {
-            let job = jobs.get_mut(&result.job);
+            if book.stale.contains(&result.job) {
+                // It is judged by what is stored, so that must be up to date.
+                store(work, std::mem::take(&mut pending), &mut book, effects).await?;
+                book.look_up(work.db, &[result.job]).await?;
+                book.stale.remove(&result.job);
+            }
+            let job = book.jobs.get_mut(&result.job);
             if let Some((job, (state, reason))) = job.and_then(|job| verdict(job, worker, result).map(|v| (job, v))) {
-                job.state = state;
-                effects.moved.insert(job.study);
-                effects.tallies.entry(worker).or_default().completed += 1;
+                note(effects, job, worker);
                 told.accepted.push(result.job);
                 work.events.push(Event::Completed {
                     study: job.study_id,
@@ -57,32 +86,64 @@ pub(super) async fn take(
                     outcome: state_name(state),
                     wall_s: result.provenance.wall_s,
                 });
-                let (study, role) = (job.study, job.role);
-                pending.push(Finish { worker, result, state, reason, study, role, key: job.key.take() });
+                let (study, role, failed) = (job.study, job.role, job.failures > 0);
+                pending.push(Finish { worker, result, state, reason, study, role, failed, key: job.key.take() });
+                book.stale.insert(result.job);
                 continue;
             }
-            // It is judged by what is stored, so that must be up to date.
-            store(work, std::mem::take(&mut pending), &mut jobs, effects).await?;
-            match complete(work, worker, result).await? {
-                Taken::Replay => told.accepted.push(result.job),
-                Taken::Refused(reason) => told.rejected.push(Rejected { job: result.job, reason }),
-                Taken::Failed(reason, study) => {
-                    effects.tallies.entry(worker).or_default().failed += 1;
-                    effects.moved.insert(study);
+            match judge(book.jobs.get(&result.job), book.stored.get(&result.job), worker, result) {
+                Judged::Replay => told.accepted.push(result.job),
+                Judged::Refused(class, reason) => {
+                    refuse(work, &mut effects.evidence, worker, result, class, &reason).await?;
+                    told.rejected.push(Rejected { job: result.job, reason });
+                }
+                Judged::Unusable(reason) => {
+                    refuse(work, &mut effects.evidence, worker, result, Class::Refused, &reason).await?;
+                    fail_unusable(work, &book, worker, result, &reason, effects).await?;
+                    book.stale.insert(result.job);
                     told.rejected.push(Rejected { job: result.job, reason });
                 }
             }
-            jobs.extend(find_jobs(work.db, &[result.job]).await?);
         }
     }
-    store(work, pending, &mut jobs, effects).await
+    store(work, pending, &mut book, effects).await
+}
+
+/// Counts a result which is taken.
+fn note(effects: &mut Effects, job: &JobRow, worker: WorkerId) {
+    effects.moved.insert(job.study);
+    let tally = effects.tallies.entry(worker).or_default();
+    tally.completed += 1;
+    tally.released += u32::from(job.state == JobState::Leased);
+}
+
+/// The attempt fails, if it is still leased.
+async fn fail_unusable(
+    work: &mut Work<'_>,
+    book: &Book,
+    worker: WorkerId,
+    result: &Prepared,
+    reason: &str,
+    effects: &mut Effects,
+) -> Result<(), StoreError> {
+    let Some(job) = book.jobs.get(&result.job) else { return Ok(()) };
+    let leased = job.state == JobState::Leased;
+    if leased {
+        let failed = Failed { worker, fault: Fault::Machine, reason };
+        fail_attempt(work, job, Cause::Failed(failed), &mut effects.tallies).await?;
+    }
+    let tally = effects.tallies.entry(worker).or_default();
+    tally.failed += 1;
+    tally.released += u32::from(leased);
+    effects.moved.insert(job.study);
+    Ok(())
 }
 
 /// Stores results, ends their jobs, and those of equal simulations which wait.
 async fn store(
     work: &mut Work<'_>,
     pending: Vec<Finish<'_>>,
-    jobs: &mut HashMap<JobId, JobRow>,
+    book: &mut Book,
     effects: &mut Effects,
 ) -> Result<(), StoreError> {
     if pending.is_empty() {
@@ -96,10 +157,12 @@ async fn store(
             rest = others;
         }
     }
+    let failed: BTreeMap<_, _> = pending.iter().filter(|f| f.failed).map(|f| (f.result.job.0, f.worker)).collect();
+    contradict(work, &failed, &mut effects.tallies).await?;
     let ended: Vec<_> = pending.iter().map(|f| (f.result.job.0, state_name(f.state), f.reason)).collect();
     finish_jobs(work.db, &json(&ended)?).await?;
     for finished in &pending {
-        audit::follow(work, finished).await?;
+        audit::follow(work, finished, &mut effects.evidence).await?;
     }
     let mut seen = HashSet::new();
     let keyed: Vec<_> = pending
@@ -112,7 +175,7 @@ async fn store(
         work.events.push(Event::Shared { study: StudyId(uuid(&id)?), job: JobId(job), from: JobId(from) });
         effects.moved.insert(study);
         // Whatever comes in for it now is a second result.
-        jobs.remove(&JobId(job));
+        book.stale.insert(JobId(job));
     }
     Ok(())
 }

@@ -24,11 +24,11 @@ pub struct Answer {
     pub jobs: Vec<Granted>,
 }
 
-/// Registers a worker and gives the path of its exchange.
-pub async fn register(http: &Http, name: &str) -> Result<String> {
+/// Registers a worker of so many slots and gives the path of its exchange.
+pub async fn register(http: &Http, name: &str, slots: u32) -> Result<String> {
     let request = RegisterRequest {
         name: name.to_owned(),
-        slots: 1,
+        slots,
         protocol_version: PROTOCOL_VERSION,
         solver_version: SOLVER_VERSION.into(),
         level: level().into(),

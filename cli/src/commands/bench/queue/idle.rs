@@ -63,7 +63,7 @@ pub async fn measure(below: &Path, workers: usize) -> Result<Idle> {
             let url = coordinator.url().to_owned();
             registering.spawn(async move {
                 let http = Http::new(&url).map_err(refused)?;
-                let path = register(&http, &format!("idle-{i}")).await?;
+                let path = register(&http, &format!("idle-{i}"), 1).await?;
                 anyhow::Ok((http, path))
             });
         }

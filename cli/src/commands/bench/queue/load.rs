@@ -57,7 +57,7 @@ pub async fn run(coordinator: &Coordinator, batch: u32, clients: usize, jobs: u6
     let mut ready = Vec::new();
     for i in 0..clients {
         let http = client(coordinator.url())?;
-        let path = register(&http, &format!("bench-{batch}-{i}")).await?;
+        let path = register(&http, &format!("bench-{batch}-{i}"), batch).await?;
         ready.push((http, path));
     }
     let (start, cpu) = (Instant::now(), coordinator.cpu_s());
