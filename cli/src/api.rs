@@ -24,6 +24,14 @@ struct Named {
     id: StudyId,
 }
 
+/// A list of workers: a page, or of an older coordinator all at once.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Workers {
+    Page(Page<WorkerView>),
+    All(Vec<WorkerView>),
+}
+
 /// A coordinator.
 #[derive(Debug, Clone)]
 pub struct Api {
@@ -116,9 +124,44 @@ impl Api {
         http::call(self.http.post(&format!("/v1/studies/{id}/optimisations")).json(spec)).await
     }
 
-    /// The workers heard of within a day.
+    /// The workers heard of within a day, by name.
     pub async fn workers(&self) -> Result<Vec<WorkerView>, CallError> {
-        http::call(self.http.get("/v1/workers")).await
+        self.list_workers(None).await
+    }
+
+    /// Those of them with this name or id.
+    pub async fn workers_called(&self, name: &str) -> Result<Vec<WorkerView>, CallError> {
+        self.list_workers(Some(name)).await
+    }
+
+    async fn list_workers(&self, find: Option<&str>) -> Result<Vec<WorkerView>, CallError> {
+        let (mut all, mut cursor): (Vec<WorkerView>, Option<String>) = (Vec::new(), None);
+        loop {
+            let mut request = self.http.get("/v1/workers").query(&[("limit", PAGE)]);
+            for (name, value) in [("find", find), ("cursor", cursor.as_deref())] {
+                request = match value {
+                    Some(value) => request.query(&[(name, value)]),
+                    None => request,
+                };
+            }
+            cursor = match http::call(request).await? {
+                Workers::Page(page) => {
+                    all.extend(page.items);
+                    page.next_cursor
+                }
+                Workers::All(workers) => {
+                    all = workers;
+                    None
+                }
+            };
+            if cursor.is_none() {
+                break;
+            }
+        }
+        let meant = |w: &WorkerView| find.is_none_or(|text| w.name == text || w.id.to_string() == text);
+        all.retain(meant);
+        all.sort_by(|a, b| (&a.name, a.id).cmp(&(&b.name, b.id)));
+        Ok(all)
     }
 
     /// Asks a worker to finish what it has and leave.

@@ -34,9 +34,11 @@ export function workersPanel() {
   const leave = (w) => (w.alive && !w.draining
     ? h("button", { type: "button", "aria-label": `Let ${w.name} finish and leave`, onclick: () => drain(w) }, "Drain") : "");
   const update = calm(async () => {
-    let workers;
+    let workers, more;
     try {
-      workers = await get("/v1/workers");
+      const page = await get("/v1/workers?limit=1000");
+      workers = page.items.sort((a, b) => a.name.localeCompare(b.name));
+      more = page.next_cursor;
     } catch (error) {
       fill(body, h("p", { class: "fault" }, error.message));
       return;
@@ -49,7 +51,7 @@ export function workersPanel() {
     const alive = workers.filter((w) => w.alive);
     const slots = alive.reduce((sum, w) => sum + w.slots, 0);
     const rates = new Map(workers.map((w) => [w.id, rate(w)]));
-    fill(body, h("p", { class: "soft" }, `${alive.length} alive with ${slots} slots`),
+    fill(body, h("p", { class: "soft" }, `${alive.length} alive with ${slots} slots${more ? ", and more: the first 1000 are shown" : ""}`),
       table(null, [
         ["Worker", (w) => w.name],
         ...(workers.some((w) => w.token) ? [["Token", (w) => w.token ?? ""]] : []),

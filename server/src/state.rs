@@ -78,6 +78,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let stopping = CancellationToken::new();
     let refusals = Arc::new(Refusals::default());
     tokio::spawn(sweep(store.clone(), config.clone(), refusals.clone(), stopping.clone()));
+    tokio::spawn(forget(store.clone(), clock.clone(), stopping.clone()));
     let registrations = Registrations::new(config.registrations, config.registrations_per_s);
     Ok(AppState {
         inner: Arc::new(Inner {
@@ -132,6 +133,26 @@ async fn prune(store: &Store) {
                 tracing::error!(error.cause = %crate::error::chain(&error), "Old studies could not be removed");
                 return;
             }
+        }
+    }
+}
+
+/// How often workers which are long gone are looked for.
+const FORGET: Duration = Duration::from_secs(6 * 3600);
+
+/// Removes workers which are long gone and which nothing names, until the coordinator stops.
+async fn forget(store: Store, clock: Arc<dyn Clock>, stopping: CancellationToken) {
+    loop {
+        match store.forget_workers(clock.now_ms()).await {
+            Ok(0) => {}
+            Ok(workers) => tracing::info!(workers.count = workers, "Workers removed which went long ago"),
+            Err(error) => {
+                tracing::warn!(error.cause = %crate::error::chain(&error), "Workers which went long ago could not be removed");
+            }
+        }
+        tokio::select! {
+            () = stopping.cancelled() => return,
+            () = tokio::time::sleep(FORGET) => {}
         }
     }
 }

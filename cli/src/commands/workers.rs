@@ -64,11 +64,10 @@ fn state(worker: &WorkerView) -> &'static str {
 
 async fn drain(args: DrainArgs) -> Result<ExitCode> {
     let api = args.coordinator.api()?;
-    let meant = |w: &WorkerView| match &args.worker {
-        Some(text) => w.name == *text || w.id.to_string() == *text,
-        None => true,
+    let workers = match &args.worker {
+        Some(name) => api.workers_called(name).await?,
+        None => api.workers().await?,
     };
-    let workers: Vec<_> = api.workers().await?.into_iter().filter(meant).collect();
     if let (Some(text), true) = (&args.worker, workers.is_empty()) {
         return Err(refused(format!("no worker's name or id is `{text}` (`manduca workers list` shows them)")));
     }
@@ -94,6 +93,12 @@ pub async fn explain(args: ExplainArgs) -> Result<ExitCode> {
     out.line(format_args!("job {} of study {}: {}", told.job, told.study, state.as_str().unwrap_or_default()))?;
     for sentence in &told.because {
         out.line(format_args!("  {sentence}"))?;
+    }
+    for failed in &told.failed_attempts {
+        let worker = failed.worker_name.clone().unwrap_or_else(|| failed.worker.to_string());
+        let token = failed.token.as_ref().map(|token| format!(" of token `{token}`")).unwrap_or_default();
+        let (attempt, reason) = (failed.attempt, &failed.reason);
+        out.line(format_args!("  attempt {attempt} by worker `{worker}`{token}, {}: {reason}", failed.fault))?;
     }
     Ok(ExitCode::SUCCESS)
 }

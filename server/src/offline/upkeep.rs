@@ -109,6 +109,9 @@ impl Offline {
         }
         // Of a dry run all is taken back.
         transaction.rollback().await?;
+        if !dry_run {
+            self.file.forget_workers(SystemClock::start().now_ms()).await?;
+        }
         Ok(removed)
     }
 }

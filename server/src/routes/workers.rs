@@ -6,17 +6,21 @@ use axum::http::StatusCode;
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::view::Page;
 use manduca_protocol::who::WorkerView;
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::auth::Caller;
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
-use crate::http::parts::Id;
+use crate::http::cursor;
+use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{Deregister, Drain, Register};
+use crate::store::{Deregister, Drain, Register, WorkerFilter};
 
 /// Most slots of one worker.
 const MOST_SLOTS: u32 = 4096;
@@ -83,11 +87,51 @@ fn check(request: &RegisterRequest) -> Result<(), ApiError> {
     if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
 }
 
-/// Lists the workers heard of within a day.
-#[utoipa::path(get, path = "/v1/workers", tag = "workers", responses((status = 200, body = Vec<WorkerView>)))]
-async fn list(State(state): State<AppState>) -> Result<Json<Vec<WorkerView>>, ApiError> {
-    let workers = state.store().workers(state.now_ms(), state.config().lease_ms()).await?;
-    Ok(Json(workers))
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ListParams {
+    /// Only workers of this name or id.
+    find: Option<String>,
+    /// Where the page begins, from the page before.
+    cursor: Option<String>,
+    /// Items at most, 1 to 1000; 100 where left out.
+    limit: Option<u32>,
+}
+
+/// Workers as they were asked for.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+enum WorkerList {
+    /// Without parameters: the first 1000 by name.
+    First(Vec<WorkerView>),
+    /// With any: a page, by time of registration.
+    Page(Page<WorkerView>),
+}
+
+/// Lists the workers heard of within a day: without parameters the first 1000 by name as an array, else in pages.
+#[utoipa::path(get, path = "/v1/workers", tag = "workers", params(ListParams), responses(
+    (status = 200, body = WorkerList),
+    (status = 400, body = Problem, content_type = "application/problem+json"),
+))]
+async fn list(State(state): State<AppState>, Params(params): Params<ListParams>) -> Result<Json<WorkerList>, ApiError> {
+    let (store, now, lease_ms) = (state.store(), state.now_ms(), state.config().lease_ms());
+    if let ListParams { find: None, cursor: None, limit: None } = params {
+        return Ok(Json(WorkerList::First(store.workers(now, lease_ms).await?)));
+    }
+    let limit = cursor::limit(params.limit)?;
+    let after = match &params.cursor {
+        Some(cursor) => Some(
+            cursor::decode(cursor)?.parse().map_err(|_| ApiError::query("/cursor", "is not a cursor of this list"))?,
+        ),
+        None => None,
+    };
+    let filter = WorkerFilter { find: params.find, after, limit: limit + 1 };
+    let mut items = store.workers_page(&filter, now, lease_ms).await?;
+    let more = items.len() > limit as usize;
+    items.truncate(limit as usize);
+    let next_cursor = items.last().filter(|_| more).map(|last| cursor::encode(&last.id.to_string()));
+    Ok(Json(WorkerList::Page(Page { items, next_cursor })))
 }
 
 /// A worker says goodbye; its jobs are ready again at once.

@@ -34,7 +34,7 @@ struct Jury {
     tokens: i64,
     /// Workers among them that blame the task.
     blaming: i64,
-    /// Whether one of them has finished more attempts than it failed.
+    /// Whether one of them has finished more than one attempt for four that it failed.
     credible: bool,
     /// Whether another worker may be given jobs,
     others: bool,
@@ -120,11 +120,11 @@ async fn insert(work: &mut Work<'_>, job: JobId, attempt: u32, failed: Failed<'_
 async fn find_jury(work: &mut Work<'_>, job: JobId) -> Result<Jury, StoreError> {
     let jury = sqlx::query_as(
         "with failed as materialized (
-             select f.worker, coalesce(w.token, '') as token, coalesce(w.completed > w.failed, 0) as credible,
+             select f.worker, coalesce(w.token, '') as token, coalesce(4 * w.completed > w.failed, 0) as credible,
                     max(f.fault <> 'machine') as blames, min(f.failed_ms) as since
              from failures as f left join workers as w on w.id = f.worker where f.job = ?1 group by f.worker),
          others as materialized (
-             select completed > failed as credible,
+             select 4 * completed > failed as credible,
                     coalesce(token, '') not in (select token from failed) as stranger
              from workers where left_ms is null and last_seen_ms >= ?2 and draining = 0
                and coalesce(quarantined_until_ms, 0) <= ?3 and id not in (select worker from failed))

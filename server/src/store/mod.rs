@@ -66,12 +66,14 @@ pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
 pub(crate) use read_studies::StudyHead;
 pub(crate) use read_sums::{Depth, WorkerSums};
+pub(crate) use read_workers::WorkerFilter;
 pub(crate) use recover::Recover;
 pub(crate) use search::{STROKES, optimisation_of_stroke, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
 pub(crate) use tokens::{TokenRow, insert_token, list_tokens, revoke_token};
 pub(crate) use upkeep::{Prune, check, copy_to, delete_study, find_ended_before, list_digests};
+use upkeep::{delete_workers, list_forgotten};
 pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
 
@@ -120,6 +122,7 @@ pub(crate) struct Store {
     readers: SqlitePool,
     /// For what every request needs, and renewals above all: nothing which takes long is read here.
     quick: SqlitePool,
+    options: SqliteConnectOptions,
 }
 
 impl Store {
@@ -138,11 +141,11 @@ impl Store {
         // jobs stored, that took a tenth of the writer's time.
         let writing = options.clone().pragma("cache_size", "-16384");
         let connection = writing.connect().await?;
-        let reading = options.pragma("query_only", "on");
+        let reading = options.clone().pragma("query_only", "on");
         let pool = |connections| SqlitePoolOptions::new().max_connections(connections).connect_with(reading.clone());
         let (readers, quick) = (pool(config.readers).await?, pool(QUICK_READERS).await?);
         let writer = writer::Writer::start(connection, writing, config, clock, observer, metrics);
-        Ok(Self { writer, readers, quick })
+        Ok(Self { writer, readers, quick, options })
     }
 
     /// Queues an operation and waits for the commit which contains it.
@@ -168,6 +171,20 @@ impl Store {
     /// The pool of its own for tokens, exchanges and health, which no long read delays.
     pub(crate) fn quick(&self) -> &SqlitePool {
         &self.quick
+    }
+
+    /// Removes workers which went long ago and which nothing names; returns how many. They are looked
+    /// for beside the writer, since that reads all jobs.
+    pub(crate) async fn forget_workers(&self, now: i64) -> Result<usize, StoreError> {
+        let mut reader = self.readers.acquire().await?;
+        let gone = list_forgotten(&mut reader, now).await?;
+        drop(reader);
+        if !gone.is_empty() {
+            let mut connection = self.options.clone().foreign_keys(false).connect().await?;
+            delete_workers(&mut connection, &gone, now).await?;
+            connection.close().await?;
+        }
+        Ok(gone.len())
     }
 
     /// Whether the database answers.
@@ -221,6 +238,15 @@ impl File {
     /// The connection.
     pub(crate) fn db(&mut self) -> &mut SqliteConnection {
         &mut self.connection
+    }
+
+    /// Removes workers which went long ago and which nothing names; returns how many.
+    pub(crate) async fn forget_workers(&mut self, now: i64) -> Result<usize, sqlx::Error> {
+        let gone = list_forgotten(&mut self.connection, now).await?;
+        sqlx::query("pragma foreign_keys = off").execute(&mut self.connection).await?;
+        let removed = delete_workers(&mut self.connection, &gone, now).await;
+        sqlx::query("pragma foreign_keys = on").execute(&mut self.connection).await?;
+        removed.map(|()| gone.len())
     }
 
     /// Begins a change.

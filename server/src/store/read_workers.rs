@@ -29,6 +29,16 @@ struct RawWorker {
     leased: i64,
 }
 
+/// Which workers are listed, and from where.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct WorkerFilter {
+    /// Name or id.
+    pub(crate) find: Option<String>,
+    /// After this one.
+    pub(crate) after: Option<WorkerId>,
+    pub(crate) limit: u32,
+}
+
 impl Store {
     /// Whether a worker has a job which is no simulation: the result of such a one may be large.
     pub(crate) async fn holds_large(&self, worker: WorkerId) -> Result<bool, StoreError> {
@@ -40,6 +50,32 @@ impl Store {
         .fetch_one(self.quick())
         .await?;
         Ok(holds)
+    }
+
+    /// A page of the workers heard of within a day which have not said goodbye, by id and so by age.
+    pub(crate) async fn workers_page(
+        &self,
+        filter: &WorkerFilter,
+        now: i64,
+        lease_ms: i64,
+    ) -> Result<Vec<WorkerView>, StoreError> {
+        let id = filter.find.as_ref().and_then(|text| text.parse::<WorkerId>().ok());
+        let rows: Vec<RawWorker> = sqlx::query_as(
+            "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
+                    w.strikes, w.quarantined_until_ms, w.draining, w.token, w.drained_by,
+                    (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
+             from workers as w where w.left_ms is null and w.last_seen_ms >= ?1 and w.id > ?2
+               and (?3 is null or w.name = ?3 or w.id = ?4)
+             order by w.id limit ?5",
+        )
+        .bind(now - LISTED_MS)
+        .bind(filter.after.map_or_else(Vec::new, |after| after.0.as_bytes().to_vec()))
+        .bind(&filter.find)
+        .bind(id.map(|id| id.0.as_bytes().to_vec()))
+        .bind(filter.limit)
+        .fetch_all(self.readers())
+        .await?;
+        rows.into_iter().map(|row| view(row, now, lease_ms)).collect()
     }
 
     /// Workers heard of within a day which have not said goodbye, by name.

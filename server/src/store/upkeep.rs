@@ -150,6 +150,43 @@ async fn hand_results_on(db: &mut SqliteConnection, study: i64) -> Result<(), sq
     Ok(())
 }
 
+/// Workers which said goodbye are kept for so long, ms.
+const GONE_MS: i64 = 24 * 3600 * 1000;
+/// Workers which are silent are kept for so long, ms.
+const SILENT_MS: i64 = 7 * GONE_MS;
+/// Workers removed in one commit: others wait behind it.
+const MOST_FORGOTTEN: usize = 1000;
+
+/// Workers which went long ago and which no job, result or evidence names: their ids in hexadecimal digits.
+pub(crate) async fn list_forgotten(db: &mut SqliteConnection, now: i64) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar(
+        "select hex(id) from workers where (left_ms < ?1 or last_seen_ms < ?2)
+           and id not in (select worker from jobs where worker is not null) and id not in (select worker from results)
+           and id not in (select worker from refused_results) and id not in (select worker from failures)",
+    )
+    .bind(now - GONE_MS)
+    .bind(now - SILENT_MS)
+    .fetch_all(db)
+    .await
+}
+
+/// Removes these workers, unless one was heard of again. The connection must not enforce foreign keys,
+/// which would look through all jobs for each.
+pub(crate) async fn delete_workers(db: &mut SqliteConnection, workers: &[String], now: i64) -> Result<(), sqlx::Error> {
+    for chunk in workers.chunks(MOST_FORGOTTEN) {
+        sqlx::query(
+            "delete from workers where id in (select unhex(value) from json_each(?1))
+               and (left_ms < ?2 or last_seen_ms < ?3)",
+        )
+        .bind(serde_json::to_string(chunk).unwrap_or_default())
+        .bind(now - GONE_MS)
+        .bind(now - SILENT_MS)
+        .execute(&mut *db)
+        .await?;
+    }
+    Ok(())
+}
+
 /// Removes one study which ended long enough ago; false where there is none.
 pub(crate) struct Prune;
 

@@ -137,6 +137,60 @@ async fn old_studies_go_and_results_others_share_stay() {
 }
 
 #[tokio::test]
+async fn workers_come_in_pages_and_are_found_by_name_and_id() {
+    let bench = Bench::open().await;
+    let mut paths = Vec::new();
+    for i in 0..5 {
+        paths.push(bench.worker(if i == 4 { "zzz" } else { "node" }).await);
+    }
+    let (mut seen, mut query) = (Vec::new(), String::from("limit=2"));
+    loop {
+        let page = bench.get(&format!("/v1/workers?{query}")).await.json();
+        let items = page["items"].as_array().expect("items").clone();
+        assert!(items.len() <= 2);
+        seen.extend(items.iter().filter_map(|w| w["id"].as_str()).map(|id| format!("/v1/workers/{id}")));
+        let Some(cursor) = page["next_cursor"].as_str() else { break };
+        query = format!("limit=2&cursor={cursor}");
+    }
+    assert_eq!((seen.len(), seen.iter().all(|path| paths.contains(path))), (5, true));
+    let found = bench.get("/v1/workers?find=zzz").await.json();
+    assert_eq!((found["items"].as_array().map(Vec::len), &found["items"][0]["name"]), (Some(1), &json!("zzz")));
+    let id = paths[0].rsplit('/').next().expect("an id");
+    assert_eq!(bench.get(&format!("/v1/workers?find={id}")).await.json()["items"][0]["id"], id);
+    assert_eq!(bench.get("/v1/workers?cursor=zz").await.problem(400, "invalid-query"), ["/cursor"]);
+    assert_eq!(bench.get("/v1/workers").await.json().as_array().map(Vec::len), Some(5), "as before");
+}
+
+#[tokio::test]
+async fn workers_long_gone_are_removed_unless_something_names_them() {
+    let bench = Bench::open().await;
+    bench.submit(&study(20, &[])).await;
+    let (idle, done, refused, silent) = (
+        bench.worker("idle").await,
+        bench.worker("done").await,
+        bench.worker("refused").await,
+        bench.worker("silent").await,
+    );
+    let lease = bench.claim(&done, 1).await.remove(0);
+    bench.complete(&done, &lease, result(&lease)).await;
+    bench.complete(&refused, &lease, result(&lease)).await;
+    for worker in [&idle, &done, &refused] {
+        bench.delete(worker).await;
+    }
+    let forget = async || bench.state.store().forget_workers(bench.state.now_ms()).await.expect("looks");
+    assert_eq!(forget().await, 0);
+    bench.pass(25.0 * 3600.0).await;
+    assert_eq!(forget().await, 1);
+    bench.delete(&idle).await.problem(404, "unknown-worker");
+    assert_eq!(bench.exchange(&silent, json!({})).await.jobs.len(), 0, "not gone yet");
+    bench.pass(8.0 * 24.0 * 3600.0).await;
+    assert_eq!(forget().await, 1);
+    let mut database = Offline::open(&bench.database()).await.expect("opens beside the coordinator");
+    let findings = database.check().await.expect("reads");
+    assert!(findings.is_well(), "{findings:?}");
+}
+
+#[tokio::test]
 async fn only_workers_of_a_known_version_of_the_exchange_are_taken() {
     let bench = Bench::open().await;
     for version in [OLDEST_PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1, u32::MAX] {
