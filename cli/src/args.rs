@@ -29,6 +29,7 @@ pub use token::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
 use std::path::PathBuf;
 
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use manduca_server::Host;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -161,7 +162,8 @@ pub struct RunArgs {
 #[command(after_help = "\
 On loopback whoever has an account here may submit studies and take jobs. At any other address
 a token is asked for: one made by `manduca token create`, or the one given here, which allows
-everything. Put a proxy in front for TLS (docs/operations.md).
+everything. Put a proxy in front for TLS (docs/operations.md). Where no tokens are asked for, only
+requests for this machine's own names are answered, and none that a page of another site sends.
 
 Examples:
   manduca serve
@@ -186,6 +188,11 @@ pub struct ServeArgs {
     /// Listen on an address others can reach, without asking for tokens.
     #[arg(long)]
     pub insecure: bool,
+    /// A further host name or address under which requests are answered where no tokens are asked for, beside
+    /// localhost, 127.0.0.0/8 and [::1]; may be given more than once. Every port is taken. The variable
+    /// separates several by commas.
+    #[arg(long, value_name = "NAME", value_delimiter = ',', env = "MANDUCA_ALLOW_HOST")]
+    pub allow_host: Vec<Host>,
     /// Remove studies this many days after their end [default: never].
     #[arg(long, value_name = "N", value_parser = days, env = "MANDUCA_KEEP_DAYS")]
     pub keep_days: Option<f64>,

@@ -66,7 +66,7 @@ fn code(error: &anyhow::Error) -> u8 {
     let refused = error.chain().any(|cause| {
         let by_coordinator = matches!(
             cause.downcast_ref::<CallError>().and_then(CallError::status),
-            Some(400 | 401 | 403 | 404 | 409 | 413 | 422)
+            Some(400 | 401 | 403 | 404 | 409 | 413 | 421 | 422)
         );
         let by_worker = matches!(cause.downcast_ref::<WorkerError>(), Some(WorkerError::Settings(_)));
         by_coordinator || by_worker || cause.is::<Refused>()

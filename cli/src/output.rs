@@ -1,10 +1,12 @@
-//! The two streams: answers on standard output, everything else on standard error.
+//! The two streams: answers on standard output, everything else on standard error. All text for people passes here,
+//! and what would act on their terminal is spelt: names and reasons come from other users and from workers.
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use manduca_protocol::text::{shown, shown_in_line, shown_json};
 use serde::Serialize;
 
 /// A line under the header and nothing else: easy on eyes and on `awk`.
@@ -13,36 +15,37 @@ const PLAIN: TableStyle = TableStyle::new().header_separator(LineStyle::none().f
 /// Where answers go.
 pub struct Output {
     writer: Box<dyn Write>,
+    terminal: bool,
     colour: bool,
 }
 
 impl Output {
     /// Standard output; coloured only on a terminal which does not object.
     pub fn stdout() -> Self {
-        let colour = io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
-        Self { writer: Box::new(io::stdout().lock()), colour }
+        let terminal = io::stdout().is_terminal();
+        let colour = terminal && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
+        Self { writer: Box::new(io::stdout().lock()), terminal, colour }
     }
 
     /// Any writer, never coloured.
     #[cfg(test)]
     pub fn to(writer: impl Write + 'static) -> Self {
-        Self { writer: Box::new(writer), colour: false }
+        Self { writer: Box::new(writer), terminal: false, colour: false }
     }
 
-    /// One line.
+    /// One line, or several.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
-        writeln!(self.writer, "{text}")
+        writeln!(self.writer, "{}", shown(&text.to_string()))
     }
 
     /// A heading.
     pub fn heading(&mut self, text: impl fmt::Display) -> io::Result<()> {
-        if self.colour { self.line(format_args!("\x1b[1m{text}\x1b[0m")) } else { self.line(text) }
+        if self.colour { writeln!(self.writer, "\x1b[1m{}\x1b[0m", shown(&text.to_string())) } else { self.line(text) }
     }
 
     /// One JSON object.
     pub fn json(&mut self, value: &impl Serialize) -> io::Result<()> {
-        serde_json::to_writer_pretty(&mut self.writer, value)?;
-        writeln!(self.writer)
+        writeln!(self.writer, "{}", shown_json(&serde_json::to_string_pretty(value)?))
     }
 
     /// A table: words to the left, numbers to the right.
@@ -50,7 +53,8 @@ impl Output {
         let mut table = Table::new();
         table.load_style(PLAIN);
         table.set_header(header);
-        table.add_rows(rows);
+        // A cell has one line, and its width is that of what is shown.
+        table.add_rows(rows.iter().map(|row| row.iter().map(|cell| shown_in_line(cell))));
         for (i, column) in table.column_iter_mut().enumerate() {
             if rows.iter().all(|row| row.get(i).is_none_or(|cell| is_number(cell))) {
                 column.set_cell_alignment(CellAlignment::Right);
@@ -59,9 +63,22 @@ impl Output {
         self.line(table.trim_fmt())
     }
 
-    /// The writer itself, for bulk.
+    /// For bulk: the bytes as they are, but on a terminal, where they are text and shown as such.
     pub fn writer(&mut self) -> &mut dyn Write {
-        &mut *self.writer
+        if self.terminal { self } else { &mut *self.writer }
+    }
+}
+
+/// Bytes for a terminal. A character cut in two by the end of a part is shown as one that is unknown.
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let text = String::from_utf8_lossy(bytes).replace("\r\n", "\n");
+        self.writer.write_all(shown(&text).as_bytes())?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()
     }
 }
 
@@ -98,7 +115,32 @@ pub fn note(text: impl fmt::Display) {
 /// Says what went wrong.
 pub fn complain(text: impl fmt::Display) {
     // With standard error gone there is no one left to tell.
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    let _ = writeln!(io::stderr().lock(), "{}", shown(&text.to_string()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::capture::output;
+
+    #[test]
+    fn nothing_that_is_shown_acts_on_a_terminal() {
+        const BAD: &str = "a\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}b\r";
+        let (mut out, captured) = output();
+        out.line(BAD).unwrap();
+        out.heading(BAD).unwrap();
+        out.json(&[BAD]).unwrap();
+        out.table(&["name".into()], &[vec![BAD.into()], vec!["two\nlines".into()]]).unwrap();
+        let said = captured.text();
+        assert!(!said.contains(|c: char| manduca_protocol::text::acts(c) && c != '\n'), "{said:?}");
+        assert!(said.contains("a\\u{1b}]0;owned\\u{7}\\u{9b}2J\\u{202e}b\\u{d}") && said.contains("two\\u{a}lines"));
+        let (mut out, captured) = output();
+        out.terminal = true;
+        out.writer().write_all(format!("{BAD},1\r\nx").as_bytes()).unwrap();
+        assert_eq!(captured.text(), "a\\u{1b}]0;owned\\u{7}\\u{9b}2J\\u{202e}b\\u{d},1\nx");
+        let (mut out, captured) = output();
+        out.writer().write_all(BAD.as_bytes()).unwrap();
+        assert_eq!(captured.text(), BAD, "a file has the bytes as they are");
+    }
 }
 
 #[cfg(test)]

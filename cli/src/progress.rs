@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use manduca_protocol::text::{shown, shown_in_line};
 use manduca_protocol::view::{StudyState, StudyView};
 
 use crate::output::{is_quiet, note};
@@ -101,7 +102,7 @@ impl Meter {
                 bar.set_prefix(glance.stage);
                 bar.set_length(glance.total);
                 bar.set_position(glance.done);
-                bar.set_message(glance.detail.clone());
+                bar.set_message(shown_in_line(&glance.detail).into_owned());
             }
             None if self.shown.as_ref() != Some(&glance) && (new_stage || self.line_at.elapsed() >= BETWEEN_LINES) => {
                 note(line(&glance));
@@ -122,7 +123,7 @@ impl Meter {
     /// Says something without spoiling the bar.
     pub fn say(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.println(text),
+            Some(bar) => bar.println(shown(text)),
             None => note(text),
         }
     }

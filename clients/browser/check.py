@@ -2,81 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import time
-from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 from playwright.sync_api import expect, sync_playwright
 
+import attack
+import charts
 from service import STUDY, TOKEN, Service
+from visitor import PATIENCE, Visitor, launch, say, shot
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
-
-# Machines of every speed: what is waited for comes, or the test ends here, ms.
-PATIENCE = 120_000
-BEGAN = time.monotonic()
-
-# What each part of a study says once it has its data.
-SAYS = {
-    "Overview": "per second on average",
-    "Surrogate": "samples of this share",
-    "Dataset": "all 60 samples",
-    "Optima": "at last out of trim",
-    "Stroke": "The three angles",
-}
-
-# How many charts of a tab are still to be drawn; they are when in view, so the first is brought there.
-UNDRAWN = """() => {
-    const plots = [...document.querySelectorAll("#tab .plot")].filter((e) => e.checkVisibility() && !e.dataset.drawn);
-    plots[0]?.scrollIntoView({ block: "center" });
-    return plots.length + (document.querySelector("#tab")?.textContent.includes("Loading ...") ? 1 : 0);
-}"""
-
-
-def say(text: str) -> None:
-    print(f"{time.monotonic() - BEGAN:6.1f} s  {text}", flush=True)
-
-
-def shot(page: Page, name: str) -> None:
-    if folder := os.environ.get("SHOTS"):
-        page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
-
-
-class Visitor:
-    """A page, and everything it complained of or asked for."""
-
-    def __init__(self, browser: Browser, url: str, **more: object) -> None:
-        self.context = browser.new_context(**more)
-        self.context.set_default_timeout(PATIENCE)
-        self.page = self.context.new_page()
-        self.errors: list[str] = []
-        self.hosts: set[str] = set()
-        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
-        self.page.on("pageerror", lambda e: self.errors.append(str(e)))
-        self.page.on("request", lambda r: self.hosts.add(urlsplit(r.url).netloc or "none"))
-        self.page.goto(url)
-        self.url = url
-
-    def open(self, tab: str) -> None:
-        """Open a part of the study, and wait until each chart in it is drawn."""
-        self.page.get_by_role("link", name=tab, exact=True).click()
-        expect(self.page.locator("#tab")).to_contain_text(SAYS[tab], timeout=PATIENCE)
-        until, settled = time.monotonic() + PATIENCE / 1000, 0
-        while settled < 3:
-            assert time.monotonic() < until, f"{tab} is not drawn"
-            self.page.wait_for_timeout(150)
-            settled = settled + 1 if self.page.evaluate(UNDRAWN) == 0 else 0
-
-    def is_content(self) -> None:
-        """Check that nothing was complained of, and nobody else was asked."""
-        assert not self.errors, self.errors
-        assert self.hosts <= {urlsplit(self.url).netloc, "none"}, self.hosts
-
 
 def submit(page: Page) -> None:
     expect(page.get_by_text("There is no study yet")).to_be_visible(timeout=PATIENCE)
@@ -193,6 +130,20 @@ def ask_for_token(browser: Browser) -> None:
         service.stop()
 
 
+def documents_routes(browser: Browser, service: Service) -> None:
+    """Read the document of the routes, and try one of them."""
+    visitor = Visitor(browser, f"{service.url}/docs")
+    page = visitor.page
+    page.get_by_role("button", name=re.compile("GET.*/healthz")).first.click()
+    page.get_by_role("button", name="Try it out").click()
+    page.get_by_role("button", name="Execute").click()
+    expect(page.locator(".live-responses-table")).to_contain_text("solver_version", timeout=PATIENCE)
+    shot(page, "docs")
+    visitor.is_content()
+    visitor.context.close()
+    say("the routes are described and tried")
+
+
 def whole_story(browser: Browser, service: Service) -> None:
     visitor = Visitor(browser, service.url, viewport={"width": 1280, "height": 900}, color_scheme="light")
     page = visitor.page
@@ -219,11 +170,19 @@ def whole_story(browser: Browser, service: Service) -> None:
     expect(page.get_by_role("cell", name="succeeded")).to_be_visible()
     shot(page, "studies-dark")
     page.get_by_role("link", name="Workers").click()
-    leave = page.get_by_role("button", name=re.compile("finish and leave"))
-    leave.click()
-    page.get_by_role("button", name="Let it leave").click()
-    expect(leave).to_have_count(0)
+    drain = page.get_by_role("button", name=re.compile("^Drain "))
+    drain.click()
+    dialog = page.get_by_role("dialog")
+    expect(dialog.get_by_role("button")).to_have_text(["Cancel", "Drain worker"])
+    dialog.get_by_role("button", name="Cancel").click()
+    expect(dialog).to_have_count(0)
+    expect(drain).to_have_count(1)
+    drain.click()
+    shot(page, "drain-dark")
+    dialog.get_by_role("button", name="Drain worker").click()
+    expect(drain).to_have_count(0)
     shot(page, "workers-dark")
+    expect(page.get_by_text("No worker is registered")).to_be_visible(timeout=PATIENCE)
     page.get_by_role("link", name="Studies").click()
     visitor.is_content()
     study = page.get_by_role("link", name="browser").get_attribute("href")
@@ -242,19 +201,26 @@ def whole_story(browser: Browser, service: Service) -> None:
 
 
 def main() -> None:
-    service = Service()
-    try:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(
-                executable_path=os.environ.get("CHROMIUM") or shutil.which("chromium"),
-                args=["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-            )
-            whole_story(browser, service)
+    with sync_playwright() as playwright:
+        attack.check(playwright)
+        service = Service()
+        try:
+            browser = launch(playwright)
+            study = charts.check(browser, service, webgl=True)
+            without = launch(playwright, webgl=False)
+            charts.check(without, service, webgl=False, study=study)
+            without.close()
+            documents_routes(browser, service)
             ask_for_token(browser)
             say("a token was asked for and taken")
+        finally:
+            service.stop()
+        service = Service()
+        try:
+            whole_story(browser, service)
             browser.close()
-    finally:
-        service.stop()
+        finally:
+            service.stop()
     say("done")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -56,7 +57,7 @@ def binary() -> str:
 class Service:
     """Processes in a folder of their own."""
 
-    def __init__(self, token: str | None = None) -> None:
+    def __init__(self, token: str | None = None, *arguments: str) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="manduca-browser-"))
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
@@ -65,7 +66,7 @@ class Service:
         self.environment = {name: value for name, value in os.environ.items() if not name.startswith("MANDUCA")}
         if token:
             self.environment["MANDUCA_TOKEN"] = token
-        self.processes = [self.start("serve", "--listen", address, "--data", str(self.folder / "data"))]
+        self.processes = [self.start("serve", "--listen", address, "--data", str(self.folder / "data"), *arguments)]
         self.until_it_answers()
         if not token:
             self.processes.append(self.start("worker", "--coordinator", self.url, "--slots", "2"))
@@ -86,6 +87,24 @@ class Service:
             else:
                 return
         raise AssertionError("the coordinator does not answer")
+
+    def ask(self, path: str, body: object = None) -> object:
+        """Ask as a program does: with a body by POST, else by GET."""
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(f"{self.url}{path}", data, {"content-type": "application/json"})
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            text = answer.read()
+        return json.loads(text) if text else None
+
+    def submit(self, study: str) -> str:
+        """Submit a study in TOML; give its id."""
+        request = urllib.request.Request(f"{self.url}/v1/studies", study.encode(), {"content-type": "application/toml"})
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.load(answer)["id"]
+
+    @staticmethod
+    def wait(seconds: float) -> None:
+        time.sleep(seconds)
 
     def stop(self) -> float:
         """Stop all; give how long the coordinator took, s."""

@@ -17,6 +17,7 @@ pub mod search;
 pub mod strict;
 pub mod study;
 pub mod task;
+pub mod text;
 pub mod training;
 pub mod view;
 pub mod watch;

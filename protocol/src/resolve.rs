@@ -20,6 +20,7 @@ use crate::study::{
     ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateKind, SurrogateSpec,
     TrainMethod,
 };
+use crate::text::{check_name, check_prose};
 
 /// Most samples of one study.
 pub const MAX_SAMPLES: u32 = 200_000;
@@ -39,6 +40,10 @@ pub const MAX_FLOWN_GENERATIONS: u32 = 900;
 pub const MAX_STARTS: u32 = 100_000;
 /// Most optimisations of one study.
 pub const MAX_OPTIMISATIONS: usize = 32;
+/// Longest name of a study or an optimisation, characters.
+pub const LONGEST_NAME: usize = 100;
+/// Longest description of a study, characters.
+pub const LONGEST_DESCRIPTION: usize = 10_000;
 /// Most simulations around one optimum.
 pub const MAX_REFINING: u32 = 5_000;
 /// Largest seed: what every JSON reader holds exactly.
@@ -299,7 +304,6 @@ fn optimisation_at(
     at: &str,
     faults: &mut Faults,
 ) -> ResolvedOptimisation {
-    name_at(&spec.name, &format!("{at}/name"), faults);
     let bounds = bounds_at(study, &spec.parameters, &format!("{at}/parameters"), faults);
     if (0..TABLE.len()).all(|i| bounds.is_held(i)) {
         faults.add(format!("{at}/parameters"), "every parameter is held: there is nothing to optimise");
@@ -357,23 +361,26 @@ pub fn optimisation(
     faults.finish(optimisation)
 }
 
-fn name_at(name: &str, at: &str, faults: &mut Faults) {
-    let length = name.chars().count();
-    if !(1..=100).contains(&length) || name.chars().any(char::is_control) {
-        faults.add(at, "must have 1 to 100 characters, none of them control characters");
-    }
+/// Checks the texts of a study that is submitted. One that was accepted before keeps the texts it has.
+pub fn texts(spec: &StudySpec) -> Vec<FieldProblem> {
+    let prose = check_prose(&spec.description, LONGEST_DESCRIPTION);
+    let own = [name(&spec.name, "/name"), prose.err().map(|why| FieldProblem::new("/description", why))];
+    let optimisations = spec.optimisations.iter().take(MAX_OPTIMISATIONS).enumerate();
+    let of_optimisations = optimisations.map(|(i, o)| name(&o.name, &format!("/optimisations/{i}/name")));
+    own.into_iter().chain(of_optimisations).flatten().collect()
 }
 
-/// Checks a whole study.
+/// Checks the name of a study or an optimisation that is submitted.
+pub fn name(name: &str, at: &str) -> Option<FieldProblem> {
+    check_name(name, LONGEST_NAME).err().map(|why| FieldProblem::new(at, why))
+}
+
+/// Checks a whole study, but for its [`texts`].
 ///
 /// # Errors
 /// Every fault with its JSON pointer.
 pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
     let mut faults = Faults::default();
-    name_at(&spec.name, "/name", &mut faults);
-    if spec.description.chars().count() > 10_000 {
-        faults.add("/description", "is longer than 10000 characters");
-    }
     if spec.seed > MAX_SEED {
         faults.add("/seed", format!("is above {MAX_SEED}"));
     }

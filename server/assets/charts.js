@@ -52,6 +52,10 @@ async function paint(node) {
   if (!wanted || wanted.busy) { if (wanted) wanted.again = true; return; }
   wanted.busy = true;
   try {
+    if (node.dataset.broken) {
+      node.replaceChildren();
+      delete node.dataset.broken;
+    }
     const { react } = await plotly();
     do {
       wanted.again = false;
@@ -66,7 +70,10 @@ async function paint(node) {
     } while (wanted.again);
     node.dataset.drawn = "yes";
   } catch (error) {
+    // Half of a chart is no beginning for the next one.
+    window.Plotly?.purge(node);
     node.textContent = `The chart cannot be drawn: ${error.message}`;
+    node.dataset.broken = "yes";
   }
   wanted.busy = false;
 }
@@ -109,13 +116,11 @@ export function sweep() {
 
 let gl = null;
 
-/** Whether this browser draws with the graphics processor. */
+/**
+ * Whether this browser has WebGL, which parallel coordinates and views in space are drawn with. Points are drawn
+ * without it everywhere: the library compiles code for points with WebGL, which the page's policy forbids.
+ */
 export function fast() {
   gl ??= Boolean(document.createElement("canvas").getContext("webgl"));
   return gl;
-}
-
-/** The kind of trace for many points. */
-export function dots() {
-  return fast() ? "scattergl" : "scatter";
 }

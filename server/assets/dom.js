@@ -48,12 +48,12 @@ export function badge(state) {
   return h("span", { class: "state", "data-state": state }, state);
 }
 
-/** Asks yes or no; resolves to true for yes. */
-export function confirmed(question, action) {
+/** Asks before `action` is done; resolves to true if it is to be, and to false if `otherwise` is chosen. */
+export function confirmed(question, action, otherwise = "Cancel") {
   return new Promise((resolve) => {
     const dialog = h("dialog", { "aria-label": question, onclose: () => { dialog.remove(); resolve(dialog.returnValue === "yes"); } },
       h("form", { method: "dialog" }, h("p", {}, question),
-        h("div", { class: "row" }, h("span", { class: "grow" }), h("button", { value: "no" }, "Leave it"),
+        h("div", { class: "row" }, h("span", { class: "grow" }), h("button", { value: "no" }, otherwise),
           h("button", { value: "yes", class: "main" }, action))));
     document.body.append(dialog);
     dialog.showModal();

@@ -1,7 +1,8 @@
 // The dataset: ten parameters and four means of every sample, or of enough to stand for all.
 
 import { constants, get, take } from "./api.js";
-import { SCALE, chart, colour, dots, fast } from "./charts.js";
+import { SCALE, chart, colour, fast } from "./charts.js";
+import { parallelLines } from "./parallel.js";
 import { calm, card, h } from "./dom.js";
 import { symbol, whole, words } from "./format.js";
 
@@ -41,7 +42,7 @@ function cloud(all, x, y, by, samples) {
   const { title, values } = all.get(by);
   return {
     traces: [{
-      x: all.get(x).values, y: all.get(y).values, type: dots(), mode: "markers", text: samples.map((s) => `sample ${s}`),
+      x: all.get(x).values, y: all.get(y).values, mode: "markers", text: samples.map((s) => `sample ${s}`),
       marker: { size: 5, opacity: 0.8, color: values, colorscale: SCALE, showscale: true, colorbar: { title: { text: title }, thickness: 12 }, ...range(values) },
       hovertemplate: `%{text}<br>%{x:.4g}, %{y:.4g}, ${title} %{marker.color:.4g}<extra></extra>`,
     }],
@@ -62,13 +63,14 @@ export function explorerCard(id) {
     if (!points?.samples.length) return;
     const all = columns(points, names);
     const { kind, by, x, y } = chosen();
-    const wide = kind === "parallel" && fast();
+    const wide = kind === "parallel";
     plot.node.style.minWidth = wide ? "58rem" : "0";
     for (const k of ["x", "y"]) controls.querySelector(`#explore-${k}`).disabled = wide;
     const shown = points.samples.length < points.total
       ? `${whole(points.samples.length)} of ${whole(points.total)} samples, evenly thinned by their index` : `all ${whole(points.total)} samples`;
-    const told = wide ? `One line per sample across its ten parameters and four means: ${shown}. Drag along an axis to keep a range, drag a name to move it.` : `One point per sample: ${shown}.`;
-    plot.show(() => (wide ? parallel(all, by) : cloud(all, x, y, by, points.samples)), told);
+    const told = wide ? `One line per sample across its ten parameters and four means: ${shown}.${fast() ? " Drag along an axis to keep a range, drag a name to move it." : ""}` : `One point per sample: ${shown}.`;
+    const coordinates = fast() ? parallel : parallelLines;
+    plot.show(() => (wide ? coordinates(all, by, range) : cloud(all, x, y, by, points.samples)), told);
   };
   const load = calm(async () => {
     [points, names] = await Promise.all([get(`/v1/studies/${id}/points`), constants()]);

@@ -2,6 +2,7 @@
 
 import { SIGNED, chart, colour, fast } from "./charts.js";
 import { card, h } from "./dom.js";
+import { flat } from "./flat.js";
 import { fixed } from "./format.js";
 import { angles, attitude } from "./stroke.js";
 
@@ -56,8 +57,10 @@ function wakeTrace(rows, values, most, shows) {
 }
 
 function tips(stroke, side) {
-  const tip = (phase) => plate(stroke, phase, side)[0].at(-1);
-  const path = Array.from({ length: 121 }, (_, i) => tip(i / 120));
+  return Array.from({ length: 121 }, (_, i) => plate(stroke, i / 120, side)[0].at(-1));
+}
+
+function pathTrace(path) {
   return {
     type: "scatter3d", mode: "lines", x: path.map((p) => p[0]), y: path.map((p) => p[1]), z: path.map((p) => p[2]),
     line: { color: colour("c2"), width: 4 }, hoverinfo: "skip", showlegend: false,
@@ -79,23 +82,26 @@ function box(stroke) {
   return ends;
 }
 
-function view(stroke, at, ends) {
+/** What is seen at a time, as corners in mm: wings, wake with its circulations, paths of the tips. */
+function seen(stroke, at) {
   const step = stroke.flight?.wake[at];
-  const traces = [];
-  if (step) {
-    const rows = millimetres(step.nodes);
-    const wing = rows.slice(0, step.wing_rows), wake = rows.slice(step.wing_rows - 1);
-    const values = step.circulation_m2_s.slice(step.wing_rows - 1);
-    const sizes = values.flat().map(Math.abs).sort((a, b) => a - b);
-    const most = sizes[Math.floor(0.97 * (sizes.length - 1))] || 1e-6;
-    traces.push(wingTrace(wing), wingTrace(mirrored(wing)));
-    if (wake.length > 1) traces.push(wakeTrace(wake, values, most, true), wakeTrace(mirrored(wake), values, most, false));
-  } else {
-    traces.push(...[1, -1].map((side) => wingTrace(plate(stroke, at / STEPS, side))));
-  }
-  traces.push(tips(stroke, 1), tips(stroke, -1));
+  const paths = [1, -1].map((side) => tips(stroke, side));
   const hinge = 1000 * stroke.wing.hinge_offset_m;
-  traces.push({ type: "scatter3d", mode: "lines+markers", x: [0, 0], y: [-hinge, hinge], z: [0, 0], marker: { size: 3, color: colour("ink") }, line: { color: colour("ink"), width: 5 }, hoverinfo: "skip", showlegend: false });
+  if (!step) return { wings: [1, -1].map((side) => plate(stroke, at / STEPS, side)), wakes: [], values: [], most: 1, paths, hinge };
+  const rows = millimetres(step.nodes);
+  const wing = rows.slice(0, step.wing_rows), wake = rows.slice(step.wing_rows - 1);
+  const values = step.circulation_m2_s.slice(step.wing_rows - 1);
+  const sizes = values.flat().map(Math.abs).sort((a, b) => a - b);
+  const most = sizes[Math.floor(0.97 * (sizes.length - 1))] || 1e-6;
+  return { wings: [wing, mirrored(wing)], wakes: wake.length > 1 ? [wake, mirrored(wake)] : [], values, most, paths, hinge };
+}
+
+function view(stroke, at, ends) {
+  const { wings, wakes, values, most, paths, hinge } = seen(stroke, at);
+  const traces = [
+    ...wings.map(wingTrace), ...wakes.map((wake, i) => wakeTrace(wake, values, most, i === 0)), ...paths.map(pathTrace),
+    { type: "scatter3d", mode: "lines+markers", x: [0, 0], y: [-hinge, hinge], z: [0, 0], marker: { size: 3, color: colour("ink") }, line: { color: colour("ink"), width: 5 }, hoverinfo: "skip", showlegend: false },
+  ];
   // A narrow page shows less to the sides: one steps back.
   const away = innerWidth < 640 ? 1.45 : 1;
   const axis = (title, range) => ({ title: { text: title }, range, color: colour("soft"), gridcolor: colour("grid"), zerolinecolor: colour("line"), backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
@@ -126,9 +132,9 @@ export function sceneCard(stroke) {
     const half = phase < 0.5 ? "downstroke" : "upstroke";
     said.textContent = `${fixed(phase, 2)} strokes, ${half}`;
     slider.setAttribute("aria-valuetext", said.textContent);
-    if (!fast()) return;
     const with_ = step ? `with the wake of stroke ${step.stroke}: colours are circulations of the left wing's rings, the right side is its mirror image` : "and the path of the tips";
-    plot.show(() => view(stroke, at, ends), `The wings ${with_}. Drag to turn, scroll or pinch to zoom.`);
+    const drawn = fast() ? [() => view(stroke, at, ends), "Drag to turn, scroll or pinch to zoom."] : [() => flat(seen(stroke, at), ends), "Seen from the left and the front, from a little above."];
+    plot.show(drawn[0], `The wings ${with_}. ${drawn[1]}`);
   };
   const stop = () => { clearInterval(timer); timer = null; play.textContent = "Play"; };
   play.addEventListener("click", () => {
@@ -141,7 +147,7 @@ export function sceneCard(stroke) {
     }, stroke.flight?.wake.length ? 140 : 60);
   });
   slider.addEventListener("input", draw);
-  const note = fast() ? null : h("p", { class: "hint" }, "This browser cannot draw in three dimensions here (no WebGL).");
+  const note = fast() ? null : h("p", { class: "hint" }, "This browser has no WebGL: the view is drawn flat and cannot be turned.");
   return {
     root: card("In space", note, plot.figure, h("div", { class: "row" }, play, h("label", { for: "time" }, "Time"), slider, said)),
     update() {

@@ -10,7 +10,7 @@ const PAGE = 50;
 export function steering(id, state, after) {
   const faults = h("span", { class: "small", role: "alert" });
   const act = async (action, question) => {
-    if (question && !(await confirmed(question, "Cancel the study"))) return;
+    if (question && !(await confirmed(question, "Cancel the study", "Keep the study"))) return;
     try {
       await post(`/v1/studies/${id}/${action}`);
       faults.textContent = "";
@@ -23,7 +23,7 @@ export function steering(id, state, after) {
   return h("span", { class: "row" },
     MOVING.includes(state) ? button("pause", "Pause") : null,
     state === "paused" ? button("resume", "Resume", { class: "main" }) : null,
-    ENDED.includes(state) ? null : button("cancel", "Cancel", { class: "danger", question: "Cancelling is for good. What was flown stays." }),
+    ENDED.includes(state) ? null : button("cancel", "Cancel", { class: "danger", question: "Cancel this study for good? What was flown stays." }),
     state === "failed" ? button("retry-failed", "Try failed jobs again", { class: "main" }) : null,
     faults);
 }

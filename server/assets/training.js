@@ -1,7 +1,7 @@
 // The surrogate: how its training goes, and how far its predictions are from simulations.
 
 import { constants, get } from "./api.js";
-import { chart, colour, dots } from "./charts.js";
+import { chart, colour } from "./charts.js";
 import { calm, card, fill, h, table } from "./dom.js";
 import { digits, fixed, whole } from "./format.js";
 
@@ -79,7 +79,7 @@ function pairs(points, outputs) {
     const at = { xaxis: `x${n}`, yaxis: `y${n}` };
     traces.push({ ...at, x: ends, y: ends, mode: "lines", line: { color: colour("soft"), width: 1, dash: "dash" }, hoverinfo: "skip" });
     traces.push({
-      ...at, x, y, type: dots(), mode: "markers", marker: { size: 4, opacity: 0.65, color: colour(hues[i]) },
+      ...at, x, y, mode: "markers", marker: { size: 4, opacity: 0.65, color: colour(hues[i]) },
       text: points.samples.map((s) => `sample ${s}`), hovertemplate: "%{text}<br>simulated %{x:.4g}<br>predicted %{y:.4g}<extra></extra>",
     });
   });

@@ -22,7 +22,7 @@ export function workersPanel() {
   const state = (w) => (!w.alive ? "silent" : w.quarantined ? "set aside" : w.draining ? "draining" : w.leased ? "working" : "idle");
   const told = h("div", { "aria-live": "polite" });
   const drain = async (worker) => {
-    if (!(await confirmed(`${worker.name} is to finish what it has in hand, take nothing more, and leave?`, "Let it leave"))) return;
+    if (!(await confirmed(`Drain ${worker.name}? It finishes what it has in hand, takes nothing more, and leaves.`, "Drain worker"))) return;
     try {
       await post(`/v1/workers/${worker.id}/drain`);
       fill(told);
@@ -32,7 +32,7 @@ export function workersPanel() {
     update();
   };
   const leave = (w) => (w.alive && !w.draining
-    ? h("button", { type: "button", "aria-label": `Let ${w.name} finish and leave`, onclick: () => drain(w) }, "Drain") : "");
+    ? h("button", { type: "button", "aria-label": `Drain ${w.name}`, onclick: () => drain(w) }, "Drain") : "");
   const update = calm(async () => {
     let workers, more;
     try {
@@ -44,7 +44,7 @@ export function workersPanel() {
       return;
     }
     if (workers.length === 0) {
-      fill(body, h("p", { class: "hint" }, "No worker was heard of within a day. Start one: "),
+      fill(body, h("p", { class: "hint" }, "No worker is registered; those that have left are not listed. Start one: "),
         h("code", {}, `manduca worker --coordinator ${location.origin}`));
       return;
     }

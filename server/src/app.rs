@@ -3,11 +3,12 @@
 use std::sync::OnceLock;
 
 use axum::Router;
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn_with_state, map_response};
 
 use crate::auth::guard;
 use crate::error::ApiError;
 use crate::heavy::heavy;
+use crate::http::headers;
 use crate::routes;
 use crate::state::AppState;
 
@@ -19,6 +20,7 @@ pub fn app(state: AppState) -> Router {
         .clone()
         .layer(from_fn_with_state(state.clone(), heavy))
         .layer(from_fn_with_state(state.clone(), guard))
+        .layer(map_response(headers::complete))
         .with_state(state)
 }
 

@@ -3,19 +3,24 @@
 
 mod caller;
 mod guard;
+mod host;
+mod pass;
 mod refusals;
 mod scope;
+mod site;
 mod token;
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+pub use host::{Host, Hosts};
 pub use scope::{Scope, Scopes};
 pub use token::{Secret, TokenHash};
 
 pub(crate) use caller::{Caller, OPERATOR};
 pub(crate) use guard::guard;
+pub(crate) use pass::Pass;
 pub(crate) use refusals::Refusals;
 
 use crate::store::{Store, StoreError};
@@ -44,7 +49,16 @@ pub(crate) struct Known {
 /// The tokens of the database, read again when they may have changed.
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
-    read: Mutex<Option<(Instant, Arc<[Known]>)>>,
+    read: Mutex<Option<Reading>>,
+    /// Held by the one request that reads them, for all that wait for it.
+    turn: tokio::sync::Mutex<()>,
+}
+
+/// The tokens as they were at some time.
+#[derive(Debug, Clone)]
+struct Reading {
+    began: Instant,
+    known: Arc<[Known]>,
 }
 
 impl Tokens {
@@ -63,23 +77,48 @@ impl Tokens {
         if given {
             return Ok(Some(Caller::of(OPERATOR.into(), Scopes::ALL)));
         }
-        if let Some(known) = self.fresh() {
-            return Ok(find(&known, &hash));
-        }
-        let known: Arc<[Known]> = store.tokens().await?.into();
-        let found = find(&known, &hash);
-        if let Ok(mut read) = self.read.lock() {
-            if let Some((_, before)) = read.as_ref() {
-                tell_changes(before, &known);
-            }
-            *read = Some((Instant::now(), known));
-        }
-        Ok(found)
+        self.bearer_lately(&hash, store).await
     }
 
-    fn fresh(&self) -> Option<Arc<[Known]>> {
+    /// Returns the bearer of a token of the database, or `None` if it was revoked more than a second ago.
+    ///
+    /// # Errors
+    /// Returns an error if the tokens cannot be read.
+    pub(crate) async fn bearer_lately(&self, hash: &TokenHash, store: &Store) -> Result<Option<Caller>, StoreError> {
+        Ok(find(&self.since(Instant::now().checked_sub(FRESH), store).await?, hash))
+    }
+
+    /// Returns the bearer of a token of the database at this moment, or `None` if it is revoked.
+    ///
+    /// # Errors
+    /// Returns an error if the tokens cannot be read.
+    pub(crate) async fn bearer_now(&self, hash: &TokenHash, store: &Store) -> Result<Option<Caller>, StoreError> {
+        Ok(find(&self.since(Some(Instant::now()), store).await?, hash))
+    }
+
+    /// The tokens as they were read at some time or later. Requests that ask together share one reading.
+    async fn since(&self, since: Option<Instant>, store: &Store) -> Result<Arc<[Known]>, StoreError> {
+        if let Some(known) = self.read_since(since) {
+            return Ok(known);
+        }
+        let _turn = self.turn.lock().await;
+        if let Some(known) = self.read_since(since) {
+            return Ok(known);
+        }
+        let began = Instant::now();
+        let known: Arc<[Known]> = store.tokens().await?.into();
+        if let Ok(mut read) = self.read.lock() {
+            if let Some(before) = read.as_ref() {
+                tell_changes(&before.known, &known);
+            }
+            *read = Some(Reading { began, known: known.clone() });
+        }
+        Ok(known)
+    }
+
+    fn read_since(&self, since: Option<Instant>) -> Option<Arc<[Known]>> {
         let read = self.read.lock().ok()?;
-        read.as_ref().filter(|(at, _)| at.elapsed() < FRESH).map(|(_, known)| known.clone())
+        read.as_ref().filter(|reading| since.is_none_or(|since| reading.began >= since)).map(|r| r.known.clone())
     }
 }
 

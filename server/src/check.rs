@@ -40,7 +40,11 @@ impl Checked {
 /// # Errors
 /// Every fault with its JSON pointer.
 pub fn check(spec: &StudySpec) -> Result<Checked, Vec<FieldProblem>> {
-    let resolved = resolve::study(spec)?;
+    let (faults, resolved) = (resolve::texts(spec), resolve::study(spec));
+    let resolved = match (resolved, faults.is_empty()) {
+        (Ok(resolved), true) => resolved,
+        (resolved, _) => return Err(faults.into_iter().chain(resolved.err().unwrap_or_default()).collect()),
+    };
     let drawn = draw_all(spec, &resolved).map_err(|fault| vec![fault])?;
     Ok(Checked { resolved, drawn })
 }

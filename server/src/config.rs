@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use manduca_protocol::task::JobKind;
 
-use crate::auth::Access;
+use crate::auth::{Access, Hosts};
 
 /// How the coordinator behaves. The default suits one coordinator with any
 /// number of workers in one network.
@@ -15,6 +15,8 @@ pub struct Config {
     pub database: PathBuf,
     /// Whether tokens are asked for.
     pub access: Access,
+    /// The hosts under which it answers where no tokens are asked for.
+    pub hosts: Hosts,
     /// How long a lease lasts without renewal.
     pub lease: Duration,
     /// How often workers are asked to renew.
@@ -87,6 +89,7 @@ impl Config {
         Self {
             database: database.into(),
             access: Access::Open,
+            hosts: Hosts::default(),
             lease: Duration::from_secs(15),
             renew: Duration::from_secs(5),
             max_attempts: 3,

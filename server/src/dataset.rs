@@ -7,6 +7,7 @@ use manduca_numerics::parameters::{OUTPUTS, TABLE};
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::task::{Estimate, Provenance, SimulateOutcome};
+use manduca_protocol::text::cell;
 use manduca_protocol::view::DatasetRow;
 use manduca_protocol::who::ComputedBy;
 
@@ -265,13 +266,15 @@ fn number(value: f64, text: &mut String) -> Result<(), serde_json::Error> {
     Ok(())
 }
 
+/// A text as a cell: quoted where it must be, and never a formula.
 fn push_quoted(field: &str, text: &mut String) {
+    let field = cell(field);
     if field.contains(['"', ',', '\n', '\r']) {
         text.push('"');
         text.push_str(&field.replace('"', "\"\""));
         text.push('"');
     } else {
-        text.push_str(field);
+        text.push_str(&field);
     }
 }
 
@@ -297,6 +300,25 @@ mod tests {
         let header = Format::Csv.head(false);
         assert_eq!(header.matches(',').count(), text.matches(',').count() - 1, "{text}");
         assert!(text.starts_with("7,infeasible,0.1,") && text.ends_with(",\"no \"\"lift\"\", none\",1\r\n"), "{text}");
+    }
+
+    #[test]
+    fn no_reason_is_a_formula_or_acts_on_a_terminal() {
+        let row = |reason: &str| {
+            let outcome = SimulateOutcome::Infeasible { reason: reason.into() };
+            let result = SimulateResult { outcome, solver_version: "9".into() };
+            let parameters = ParameterValues([-0.5; 10]);
+            let row = DatasetRow { sample: 7, parameters, result, computed_by: None, provenance: None };
+            let mut text = String::new();
+            Format::Csv.append(&row, true, &mut text).expect("a row");
+            text
+        };
+        let end = |reason: &str| row(reason).rsplit_once(",,").expect("empty cells").1.to_owned();
+        assert_eq!(end("=HYPERLINK(1)"), "'=HYPERLINK(1),9\r\n");
+        assert_eq!(end("-1+1"), "'-1+1,9\r\n");
+        assert_eq!(end("@a,b"), "\"'@a,b\",9\r\n");
+        assert_eq!(end("a\u{1b}[2J"), "a\\u{1b}[2J,9\r\n");
+        assert!(row("x").starts_with("7,infeasible,-0.5,-0.5,"), "numbers are as they are");
     }
 
     #[test]

@@ -46,8 +46,21 @@ pub enum ApiError {
         /// How long to wait.
         wait_s: u64,
     },
+    /// The request names no host, more than one, or something that is none.
+    #[error("the request must name one host: one `Host` header, and the same host in its target if that names one")]
+    UnclearHost,
+    /// The request is for another host than this coordinator.
+    #[error(
+        "this coordinator asks for no tokens, and then does not answer as `{0}`: a page of another site could be \
+         behind that name. Ask by `localhost`, 127.0.0.1 or [::1], such as through a tunnel; or start it with \
+         `--allow-host {0}` if that is its own name, or with `--require-tokens`"
+    )]
+    ForeignHost(String),
     /// A page of another site asked through a visitor's browser.
-    #[error("pages of other sites may not act here")]
+    #[error(
+        "a page of another site may not ask here through its visitor's browser. Open the coordinator's own page; a \
+         proxy before it must pass on the `Host` header as the browser sent it"
+    )]
     AnotherSite,
     /// The body is not declared as JSON.
     #[error("the body must be sent as application/json")]
@@ -156,6 +169,8 @@ impl ApiError {
             Self::TooManyRegistrations { .. } => {
                 (S::TOO_MANY_REQUESTS, "too-many-registrations", "Too many registrations")
             }
+            Self::UnclearHost => (S::BAD_REQUEST, "unclear-host", "Unclear host"),
+            Self::ForeignHost(_) => (S::MISDIRECTED_REQUEST, "foreign-host", "Another host"),
             Self::AnotherSite => (S::FORBIDDEN, "another-site", "From another site"),
             Self::UnsupportedMediaType => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type")

@@ -39,7 +39,7 @@ mod tests;
 mod turn;
 
 pub use app::app;
-pub use auth::{Access, Scope, Scopes, Secret, TokenHash};
+pub use auth::{Access, Host, Hosts, Scope, Scopes, Secret, TokenHash};
 pub use check::{Checked, check};
 pub use clock::{Clock, SystemClock};
 pub use config::{Config, RunLimits};

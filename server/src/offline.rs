@@ -4,9 +4,14 @@ pub(crate) mod upkeep;
 
 use std::path::Path;
 
+use manduca_protocol::text::check_name;
+
 use crate::auth::{Scopes, Secret};
 use crate::clock::{Clock, SystemClock, rfc3339};
 use crate::store::{File, OpenError, insert_token, list_tokens, revoke_token};
+
+/// Longest name of a token, characters.
+const LONGEST_NAME: usize = 100;
 
 /// Why something could not be done with a database.
 #[derive(Debug, thiserror::Error)]
@@ -57,9 +62,9 @@ impl Offline {
     /// # Errors
     /// When there is one of this name.
     pub async fn create_token(&mut self, name: &str, scopes: Scopes) -> Result<Secret, OfflineError> {
-        let fits = (1..=100).contains(&name.chars().count()) && !name.chars().any(char::is_control);
-        if !fits || scopes == Scopes::default() {
-            return Err(OfflineError::Refused("a token has a name of 1 to 100 characters and a scope".into()));
+        check_name(name, LONGEST_NAME).map_err(|why| OfflineError::Refused(format!("the name of the token {why}")))?;
+        if scopes == Scopes::default() {
+            return Err(OfflineError::Refused("a token has a scope".into()));
         }
         if name.starts_with('(') {
             return Err(OfflineError::Refused(format!("`{name}`: names in parentheses are the coordinator's own")));

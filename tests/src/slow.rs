@@ -29,11 +29,11 @@ impl Slow {
 
     fn begin(self) -> String {
         match self {
-            Self::Head => "GET /healthz HTTP/1.1\r\nhost: x\r\nx-slow: ".into(),
-            Self::Body => "POST /v1/studies HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\n\
+            Self::Head => "GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-slow: ".into(),
+            Self::Body => "POST /v1/studies HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n\
                            content-length: 1000000\r\n\r\n{"
                 .into(),
-            Self::Reading => "GET /openapi.json HTTP/1.1\r\nhost: x\r\n\r\n".repeat(UNREAD),
+            Self::Reading => "GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(UNREAD),
         }
     }
 }

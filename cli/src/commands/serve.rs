@@ -6,9 +6,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use manduca_server::{Access, Config, Secret};
+use manduca_server::{Access, Config, Host, Hosts, Secret};
 use tokio::net::{TcpListener, lookup_host};
 
+use super::host;
 use crate::args::{HealthcheckArgs, ServeArgs};
 use crate::exit::refused;
 use crate::output::note;
@@ -32,7 +33,9 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
         Err(error) => return Err(refused(format!("--listen {}: {error}", args.listen))),
     };
     let mut config = config(&args.data)?;
-    config.access = access(&args, addresses.iter().any(|a| !a.ip().is_loopback())).await?;
+    let reachable = addresses.iter().any(|a| !a.ip().is_loopback());
+    config.access = access(&args, reachable).await?;
+    config.hosts = hosts(&args, reachable);
     config.run_limits.simulate = Duration::from_secs_f64(args.run_limit);
     config.lease = Duration::from_secs_f64(args.lease);
     config.renew = config.lease / 3;
@@ -79,6 +82,14 @@ async fn access(args: &ServeArgs, reachable: bool) -> Result<Access> {
         }
     }
     Ok(Access::Tokens(given))
+}
+
+/// The hosts under which it answers without tokens: those the operator names, and where others can reach it, the
+/// machine's name and every address. No page of another site has one of those.
+fn hosts(args: &ServeArgs, reachable: bool) -> Hosts {
+    let listening = args.listen.rsplit_once(':').and_then(|(host, _)| host.parse().ok());
+    let named = args.allow_host.iter().cloned().chain(listening.filter(|host| matches!(host, Host::Name(_))));
+    if reachable { Hosts::new(named.chain(host::name().parse().ok())).with_addresses() } else { Hosts::new(named) }
 }
 
 /// As many connections as wanted, or as the system lets this process have open.

@@ -1,25 +1,26 @@
 //! Every request passes here before its body is read.
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method, header};
+use axum::http::{HeaderMap, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::{Access, Caller, Scope, Secret};
+use super::{Access, Caller, Pass, Scope, Secret, site};
 use crate::error::{ApiError, OfAnotherToken};
 use crate::state::AppState;
 
 /// Lets a request pass, with the one who makes it, or refuses it.
 pub(crate) async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
-    let response = match check(&state, request.method(), request.uri().path(), request.headers()).await {
-        Ok(caller) => {
+    let response = match check(&state, request.method(), request.uri(), request.headers()).await {
+        Ok((caller, pass)) => {
             let asked = (request.method().clone(), request.uri().clone());
             request.extensions_mut().insert(caller.clone());
+            request.extensions_mut().insert(pass.clone());
             let response = next.run(request).await;
             if response.extensions().get::<OfAnotherToken>().is_some() {
                 turn_away(&state, "another_token", &caller, &asked.0, asked.1.path());
             }
-            response
+            pass.watch_over(response, &state)
         }
         Err(refusal) => refusal.into_response(),
     };
@@ -32,11 +33,17 @@ fn turn_away(state: &AppState, reason: &'static str, caller: &Caller, method: &M
     state.refusals().forbidden(caller.name(), method.as_str(), path);
 }
 
-async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMap) -> Result<Caller, ApiError> {
-    let Some(scope) = required(method, path) else { return Ok(Caller::default()) };
+async fn check(state: &AppState, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(Caller, Pass), ApiError> {
+    let path = uri.path();
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Err(ApiError::UnclearHost);
+    }
     let Access::Tokens(given) = &state.config().access else {
-        return same_site(method, headers).map(|()| Caller::default());
+        let own = site::right_host(&state.config().hosts, uri, headers)?;
+        site::right_site(own, method, path, headers)?;
+        return Ok((Caller::default(), Pass::open()));
     };
+    let Some(scope) = required(method, path) else { return Ok((Caller::default(), Pass::open())) };
     let unknown = || {
         state.metrics().turned_away("no_valid_token");
         state.refusals().unknown(method.as_str(), path);
@@ -45,7 +52,9 @@ async fn check(state: &AppState, method: &Method, path: &str, headers: &HeaderMa
     let secret = bearer(headers).ok_or_else(unknown)?;
     let caller = state.tokens().bearer(&secret, given, state.store()).await?.ok_or_else(unknown)?;
     if caller.allows(scope) {
-        return Ok(caller);
+        let hash = secret.hash();
+        let pass = if given.contains(&hash) { Pass::open() } else { Pass::of(hash, scope) };
+        return Ok((caller, pass));
     }
     turn_away(state, "scope", &caller, method, path);
     Err(ApiError::Forbidden(scope))
@@ -73,17 +82,6 @@ fn bearer(headers: &HeaderMap) -> Option<Secret> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
     Secret::new(token).ok().filter(|_| scheme.eq_ignore_ascii_case("bearer"))
-}
-
-/// Without tokens, a page of some other site must not act through its visitor's
-/// browser. Browsers say where a request comes from; programs say nothing.
-fn same_site(method: &Method, headers: &HeaderMap) -> Result<(), ApiError> {
-    let Some(origin) = headers.get(header::ORIGIN).filter(|_| method != Method::GET && method != Method::HEAD) else {
-        return Ok(());
-    };
-    let host = headers.get(header::HOST).map(|host| host.as_bytes()).unwrap_or_default();
-    let from = origin.to_str().unwrap_or_default().split_once("://").map_or("", |(_, authority)| authority);
-    if from.as_bytes() == host && !host.is_empty() { Ok(()) } else { Err(ApiError::AnotherSite) }
 }
 
 #[cfg(test)]

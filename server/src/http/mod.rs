@@ -1,10 +1,11 @@
-//! What lies between HTTP and the handlers: connections, bodies, paths, queries, cursors and
-//! entity tags, each with its refusals.
+//! What lies between HTTP and the handlers: connections, bodies, paths, queries, cursors, entity tags
+//! and headers of answers, each with its refusals.
 
 pub(crate) mod body;
 pub(crate) mod connection;
 pub(crate) mod cursor;
 pub(crate) mod etag;
+pub(crate) mod headers;
 pub(crate) mod parse;
 pub(crate) mod parts;
 pub(crate) mod scan;

@@ -8,6 +8,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use axum::routing::get;
 
+use crate::http::headers::PAGE_POLICY;
 use crate::state::AppState;
 
 /// Addresses are relative, so that the page works behind a proxy's prefix too.
@@ -50,7 +51,7 @@ pub(crate) fn router() -> Router<AppState> {
 }
 
 fn text(media_type: &'static str, text: &'static str) -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, media_type)], text)
+    ([(header::CONTENT_TYPE, media_type), (header::CONTENT_SECURITY_POLICY, PAGE_POLICY)], text)
 }
 
 /// Every browser unpacks these.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use axum::Json;
-use axum::extract::State;
+use axum::extract::{Extension, State};
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::task::{JobKind, JobResult};
@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::auth::Caller;
+use crate::auth::{Caller, Pass};
 use crate::compose;
 use crate::config::Config;
 use crate::error::ApiError;
@@ -49,6 +49,7 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 async fn exchange(
     State(state): State<AppState>,
     caller: Caller,
+    Extension(pass): Extension<Pass>,
     Id(worker): Id<WorkerId>,
     HeldBody { value: request, held }: HeldBody<ExchangeRequest>,
 ) -> Result<Json<ExchangeResponse>, ApiError> {
@@ -80,9 +81,14 @@ async fn exchange(
             biased;
             () = state.stopping().cancelled() => break,
             () = tokio::time::sleep_until(until) => break,
+            () = pass.ended(&state) => return Err(ApiError::Unauthenticated),
             () = notified.as_mut() => {}
             // Nobody tells it that its own jobs have ended.
             () = tokio::time::sleep(HELD_BACK), if told.held_back => {}
+        }
+        // A token may have been revoked since: its worker is given nothing more.
+        if !pass.holds(&state).await {
+            return Err(ApiError::Unauthenticated);
         }
         notified.set(state.ready().notified());
         notified.as_mut().enable();

@@ -32,9 +32,10 @@ pub(super) fn described() -> OpenApiRouter<AppState> {
 }
 
 /// What any route may answer besides its own refusals.
-const ANYWHERE: [(&str, &str); 3] = [
+const ANYWHERE: [(&str, &str); 4] = [
     ("401", "No valid token, where the coordinator asks for one"),
     ("403", "The token does not allow it, or a page of another site asks"),
+    ("421", "The request is for another host, where no tokens are asked for"),
     ("503", "The coordinator cannot answer now; `Retry-After` says when to ask again"),
 ];
 /// What a route with a body may answer besides.

@@ -104,6 +104,7 @@ fn check(spec: &OptimisationSpec, asked: &StudySpec) -> Result<(), ApiError> {
     };
     let study = resolve::study(asked).map_err(corrupt)?;
     let mut faults = resolve::optimisation(spec, &study.bounds, asked.seed).err().unwrap_or_default();
+    faults.extend(resolve::name(&spec.name, "/name"));
     if asked.sampling.samples == 0 && !spec.is_direct() {
         faults.push(FieldProblem::new(
             "/method",

@@ -13,17 +13,9 @@ use axum::routing::get;
 
 use crate::error::ApiError;
 use crate::http::etag;
+use crate::http::headers::PAGE_POLICY;
 use crate::state::AppState;
 
-/// What the page may do: nothing from elsewhere, no script but its own files. Charts set
-/// styles of their own, and draw through images and workers made on the spot.
-const POLICY: &str = concat!(
-    "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; ",
-    "img-src 'self' data: blob:; worker-src 'self' blob:; ",
-    // In parts, for a test looks for the word where no code may turn checks off.
-    "style-src 'self' 'un",
-    "safe-inline'",
-);
 /// The page's own files change with the binary under the same name: they are asked for again, and
 /// mostly answered with nothing new.
 const ASK_AGAIN: &str = "no-cache";
@@ -64,7 +56,7 @@ static FILES: LazyLock<BTreeMap<&'static str, File>> = LazyLock::new(|| {
     let own = files!(
         "index.html" "style.css" "icon.svg" "main.js" "api.js" "dom.js" "format.js" "charts.js"
         "studies.js" "submit.js" "study.js" "stages.js" "workers.js" "failures.js" "throughput.js"
-        "training.js" "explorer.js" "optimum.js" "front.js" "search.js" "stroke.js" "flight.js" "scene.js" "predictor.js"
+        "training.js" "explorer.js" "parallel.js" "optimum.js" "front.js" "search.js" "stroke.js" "flight.js" "scene.js" "flat.js" "predictor.js"
         "vendor/plotly-strict-4.1.1.min.js.gz" "vendor/plotly-LICENSE"
     );
     let studies = [
@@ -95,9 +87,7 @@ fn send(name: &str, headers: &HeaderMap) -> Response {
     let common = [
         (header::ETAG, file.tag.as_str()),
         (header::CACHE_CONTROL, file.cache),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CONTENT_SECURITY_POLICY, PAGE_POLICY),
     ];
     if etag::matches(headers, &file.tag) {
         return (StatusCode::NOT_MODIFIED, common).into_response();

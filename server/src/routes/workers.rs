@@ -6,6 +6,7 @@ use axum::http::StatusCode;
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::WorkerId;
 use manduca_protocol::problem::{FieldProblem, Problem};
+use manduca_protocol::text::check_name;
 use manduca_protocol::view::Page;
 use manduca_protocol::who::WorkerView;
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
@@ -75,9 +76,7 @@ async fn register(
 fn check(request: &RegisterRequest) -> Result<(), ApiError> {
     let mut faults = Vec::new();
     for (pointer, text) in [("/name", &request.name), ("/level", &request.level)] {
-        let length = text.chars().count();
-        if !(1..=LONGEST_NAME).contains(&length) || text.chars().any(char::is_control) {
-            let why = format!("must have 1 to {LONGEST_NAME} characters, none of them control characters");
+        if let Err(why) = check_name(text, LONGEST_NAME) {
             faults.push(FieldProblem::new(pointer, why));
         }
     }

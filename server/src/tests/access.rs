@@ -2,7 +2,6 @@
 
 use axum::body::Body;
 use axum::http::Request;
-use serde_json::json;
 
 use super::answers::{registration, study};
 use super::bench::{Answer, Bench};
@@ -77,19 +76,4 @@ async fn a_token_allows_its_scopes_until_it_is_revoked() {
     let stored: Vec<Vec<u8>> =
         sqlx::query_scalar("select hash from tokens").fetch_all(bench.state.store().readers()).await.expect("reads");
     assert!(stored.iter().all(|hash| hash.len() == 32 && !worker.as_bytes().windows(32).any(|part| part == hash)));
-}
-
-#[tokio::test]
-async fn pages_of_other_sites_may_not_act_through_a_browser() {
-    let bench = Bench::open().await;
-    let from = |origin: &str| {
-        let request = Request::post("/v1/workers").header("host", "127.0.0.1:8080").header("origin", origin);
-        let request = request.header("content-type", "application/json");
-        bench.send(request.body(Body::from(registration("w").to_string())).expect("a request"))
-    };
-    from("http://evil.example").await.problem(403, "another-site");
-    from("null").await.problem(403, "another-site");
-    assert_eq!(from("http://127.0.0.1:8080").await.status, 201);
-    let read = Request::get("/v1/studies").header("origin", "http://evil.example").body(Body::empty());
-    assert_eq!(bench.send(read.expect("a request")).await.json()["items"], json!([]));
 }

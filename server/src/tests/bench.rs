@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, Bytes};
-use axum::http::{HeaderMap, Request, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, Request, StatusCode, header};
+use axum::middleware::map_request;
 use manduca_protocol::worker::{ExchangeResponse, Lease};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -54,6 +55,14 @@ impl Answer {
     }
 }
 
+/// All routes of a coordinator, each asked by the name of this machine where a test does not name another.
+pub(super) fn called(state: &AppState) -> Router {
+    app(state.clone()).layer(map_request(|mut request: Request<Body>| async {
+        request.headers_mut().entry(header::HOST).or_insert(HeaderValue::from_static("localhost"));
+        request
+    }))
+}
+
 /// A coordinator, its clock and its folder.
 pub(super) struct Bench {
     pub(super) state: AppState,
@@ -75,7 +84,7 @@ impl Bench {
         let mut config = config(&folder);
         change(&mut config);
         let state = open_with_clock(config, clock.clone()).await.expect("opens");
-        Self { router: app(state.clone()), state, clock, folder }
+        Self { router: called(&state), state, clock, folder }
     }
 
     /// Where its database is.
@@ -89,7 +98,7 @@ impl Bench {
         let Self { clock, folder, .. } = self;
         clock.0.fetch_add(after.as_millis() as i64, Ordering::SeqCst);
         let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens again");
-        Self { router: app(state.clone()), state, clock, folder }
+        Self { router: called(&state), state, clock, folder }
     }
 
     /// Lets time pass and what is due happen.
@@ -99,7 +108,12 @@ impl Bench {
     }
 
     pub(super) async fn send(&self, request: Request<Body>) -> Answer {
-        let response = self.router.clone().oneshot(request).await.expect("answers");
+        self.send_to(self.router.clone(), request).await
+    }
+
+    /// [`Bench::send`] to these routes.
+    pub(super) async fn send_to(&self, router: Router, request: Request<Body>) -> Answer {
+        let response = router.oneshot(request).await.expect("answers");
         let (parts, body) = response.into_parts();
         let body = axum::body::to_bytes(body, usize::MAX).await.expect("a body");
         Answer { status: parts.status, headers: parts.headers, body }

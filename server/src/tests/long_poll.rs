@@ -51,7 +51,9 @@ async fn the_real_thing_stops_while_workers_wait() {
     }));
     let mut socket = tokio::net::TcpStream::connect(address).await.expect("connects");
     // An idle connection and an open coordinator: neither may hold up the end.
-    tokio::io::AsyncWriteExt::write_all(&mut socket, b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await.expect("asks");
+    tokio::io::AsyncWriteExt::write_all(&mut socket, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
+        .await
+        .expect("asks");
     let mut answer = [0; 12];
     tokio::io::AsyncReadExt::read_exact(&mut socket, &mut answer).await.expect("is answered");
     assert_eq!(&answer, b"HTTP/1.1 200");

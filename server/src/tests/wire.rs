@@ -60,10 +60,10 @@ async fn until_closed(stream: &mut TcpStream) -> String {
 #[tokio::test]
 async fn a_head_which_never_ends_is_not_waited_for() {
     let served = Served::start(|config| config.header_wait = Duration::from_millis(200)).await;
-    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: x\r\nx-slow: ").await;
+    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-slow: ").await;
     assert!(!answer.contains("200 OK"), "{answer}");
     assert!(served.converse("").await.is_empty(), "nor is one which never begins");
-    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").await;
+    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").await;
     assert!(answer.starts_with("HTTP/1.1 200 OK"), "{answer}");
     served.end().await;
 }
@@ -72,7 +72,7 @@ async fn a_head_which_never_ends_is_not_waited_for() {
 async fn a_body_which_never_ends_is_not_waited_for() {
     let served = Served::start(|config| config.body_wait = Duration::from_millis(200)).await;
     let mut stream = served.connect().await;
-    let head = "POST /v1/studies HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: 100\r\n\r\n{";
+    let head = "POST /v1/studies HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 100\r\n\r\n{";
     stream.write_all(head.as_bytes()).await.expect("is taken");
     let mut answer = [0; 12];
     tokio::time::timeout(DEADLINE, stream.read_exact(&mut answer)).await.expect("is answered").expect("is read");
@@ -89,9 +89,9 @@ async fn one_who_does_not_read_is_let_go() {
     .await;
     let mut deaf = served.connect().await;
     // Answers of some 30 MB: more than the system keeps for a client.
-    let requests = "GET /openapi.json HTTP/1.1\r\nhost: x\r\n\r\n".repeat(300);
+    let requests = "GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(300);
     deaf.write_all(requests.as_bytes()).await.expect("the system takes it");
-    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").await;
+    let answer = served.converse("GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").await;
     assert!(answer.starts_with("HTTP/1.1 200 OK"), "the only place was kept: {answer}");
     drop(deaf);
     served.end().await;
@@ -100,8 +100,8 @@ async fn one_who_does_not_read_is_let_go() {
 #[tokio::test]
 async fn heads_too_long_are_refused() {
     let served = Served::start(|config| config.header_wait = Duration::from_secs(5)).await;
-    let long = format!("GET /healthz HTTP/1.1\r\nhost: x\r\nx-long: {}\r\n\r\n", "a".repeat(40_000));
-    let many = format!("GET /healthz HTTP/1.1\r\nhost: x\r\n{}\r\n", "x-a: 1\r\n".repeat(100));
+    let long = format!("GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-long: {}\r\n\r\n", "a".repeat(40_000));
+    let many = format!("GET /healthz HTTP/1.1\r\nhost: localhost\r\n{}\r\n", "x-a: 1\r\n".repeat(100));
     for head in [long, many] {
         let answer = served.converse(&head).await;
         assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 431"), "{answer}");
@@ -112,7 +112,7 @@ async fn heads_too_long_are_refused() {
 #[tokio::test]
 async fn more_connections_than_allowed_wait_for_a_place() {
     let served = Served::start(|config| config.connections = 1).await;
-    let request = "GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
+    let request = "GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n";
     let first = served.connect().await;
     let mut second = served.connect().await;
     second.write_all(request.as_bytes()).await.expect("the system takes it");
@@ -121,5 +121,41 @@ async fn more_connections_than_allowed_wait_for_a_place() {
     assert!(early.is_err(), "it was served beside the first");
     drop(first);
     assert!(until_closed(&mut second).await.starts_with("HTTP/1.1 200 OK"));
+    served.end().await;
+}
+
+#[tokio::test]
+async fn a_request_for_another_host_is_refused_however_it_is_spelt() {
+    let served = Served::start(|_| {}).await;
+    let secret = "\"items\"";
+    for (head, status) in [
+        ("GET /v1/studies HTTP/1.1\r\nhost: rebind.example", "421"),
+        ("GET /v1/studies HTTP/1.1\r\nHOST:\t rebind.example:80 ", "421"),
+        ("GET /v1/studies HTTP/1.1\r\nhost: localhost\r\nhost: rebind.example", "400"),
+        ("GET /v1/studies HTTP/1.1\r\nhost: rebind.example\r\nHost: localhost", "400"),
+        ("GET /v1/studies HTTP/1.1\r\nhost:", "400"),
+        ("GET /v1/studies HTTP/1.1\r\nx-host: localhost", "400"),
+        ("GET /v1/studies HTTP/1.0", "400"),
+        ("GET http://rebind.example/v1/studies HTTP/1.1\r\nhost: localhost", "400"),
+        ("GET http://rebind.example/v1/studies HTTP/1.1\r\nhost: rebind.example", "421"),
+        ("GET http://localhost@rebind.example/v1/studies HTTP/1.1\r\nhost: localhost", "400"),
+        ("CONNECT rebind.example:80 HTTP/1.1\r\nhost: rebind.example:80", "421"),
+        ("OPTIONS * HTTP/1.1\r\nhost: rebind.example", "421"),
+        (
+            "POST /v1/studies HTTP/1.1\r\nhost: rebind.example\r\norigin: http://rebind.example\r\ncontent-length: 0",
+            "421",
+        ),
+    ] {
+        let answer = served.converse(&format!("{head}\r\nconnection: close\r\n\r\n")).await;
+        assert!(answer.split(' ').nth(1) == Some(status) && !answer.contains(secret), "{head}: {answer}");
+    }
+    for head in [
+        "GET /v1/studies HTTP/1.1\r\nhost: localhost:9000",
+        "GET http://localhost:9000/v1/studies HTTP/1.1\r\nhost: localhost:9000",
+        "GET /v1/studies HTTP/1.0\r\nHost: [::1]:1",
+    ] {
+        let answer = served.converse(&format!("{head}\r\nconnection: close\r\n\r\n")).await;
+        assert!(answer.contains(secret), "{head}: {answer}");
+    }
     served.end().await;
 }

@@ -78,3 +78,24 @@ fn behind_tls_a_study_needs_the_right_tokens_and_the_right_certificate() {
     let told = coordinator.said();
     assert!([GIVEN, &ada, &node].iter().all(|secret| !told.contains(*secret)), "no secret in the log");
 }
+
+#[test]
+fn without_tokens_a_coordinator_answers_under_its_own_names() {
+    let hosts = ["--allow-host", "Manduca.Example", "--allow-host", "10.1.2.3,::7"];
+    let coordinator = Coordinator::start_serving(&hosts);
+    let asked = |host: &str| coordinator.send(coordinator.request("GET", "/v1/studies").header("host", host)).status;
+    for own in ["localhost:1", "127.0.0.1", "manduca.example:443", "10.1.2.3:8080", "[::7]:80"] {
+        assert_eq!(asked(own), 200, "{own}");
+    }
+    for foreign in ["rebind.example", "10.1.2.4", "a.manduca.example"] {
+        assert_eq!(asked(foreign), 421, "{foreign}");
+    }
+    for wrong in ["manduca.example:80", "http://a", "*", "a b"] {
+        let output = manduca(&["serve", "--listen", "127.0.0.1:0", "--allow-host", wrong]).output().unwrap();
+        assert!(
+            output.status.code() == Some(2) && said(&output).contains("--allow-host"),
+            "{wrong}: {}",
+            said(&output)
+        );
+    }
+}

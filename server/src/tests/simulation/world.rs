@@ -20,7 +20,8 @@ use super::spec;
 use super::witness::Witness;
 use super::worker::{Message, Worker};
 use crate::store::Sweep;
-use crate::{AppState, Clock, Config, Offline, app, open_with_clock};
+use crate::tests::bench::called;
+use crate::{AppState, Clock, Config, Offline, open_with_clock};
 
 /// Time goes in steps, ms: what arrives within one arrives at once.
 const STEP: i64 = 50;
@@ -220,7 +221,7 @@ impl World {
         if self.witness.submitted && studies != 1 {
             return Err(format!("there are {studies} studies after an acknowledged submission"));
         }
-        self.coordinator = Some((state.clone(), app(state)));
+        self.coordinator = Some((state.clone(), called(&state)));
         Ok(())
     }
 
