@@ -9,6 +9,8 @@ pub const MOST_FAULTS: usize = 100;
 const LONGEST_POINTER: usize = 300;
 /// Longest detail told, characters.
 const LONGEST_DETAIL: usize = 1000;
+/// What the types of a coordinator's problems begin with.
+pub const URN: &str = "urn:manduca:problem:";
 
 /// One bad field.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -81,6 +83,18 @@ pub struct Problem {
     /// The fields at fault.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldProblem>,
+}
+
+impl Problem {
+    /// Whether a coordinator says this: its types begin with [`URN`].
+    pub fn is_a_coordinators(&self) -> bool {
+        self.kind.starts_with(URN)
+    }
+
+    /// Whether it is of the type with this last part, such as `unknown-worker`.
+    pub fn is(&self, slug: &str) -> bool {
+        self.kind.strip_prefix(URN) == Some(slug)
+    }
 }
 
 impl std::fmt::Display for Problem {

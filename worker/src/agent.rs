@@ -8,24 +8,22 @@
 //! such a job would be lost until its lease expires.
 
 mod flight;
+mod leave;
+mod register;
 mod running;
 
 use std::time::Duration;
 
-use manduca_numerics::simulation;
 use manduca_protocol::ids::{JobId, WorkerId};
-use manduca_protocol::worker::{
-    Completion, ExchangeRequest, ExchangeResponse, Failure, Fault, Lease, PROTOCOL_VERSION, RegisterRequest,
-    RegisterResponse,
-};
+use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, Failure, Fault, Lease};
 use tokio::time::{Instant, MissedTickBehavior, sleep_until};
 use tracing::{debug, info, warn};
 
-use crate::backoff::Backoff;
 use crate::http::{self, CallError, Http};
 use crate::job::Finished;
 use crate::outbox::{Delivered, Outbox, Report};
 use crate::slot::{Outcome, Slot};
+use crate::trouble::Trouble;
 use crate::{Settings, Shutdown, Summary, WorkerError};
 use flight::{Flight, Landed, landed};
 use running::{Ended, Running};
@@ -34,14 +32,15 @@ use running::{Ended, Running};
 const TICK: Duration = Duration::from_secs(1);
 /// A poll which comes back empty sooner than this is not repeated at once.
 const TOO_SOON: Duration = Duration::from_millis(500);
-/// How long the worker says goodbye.
-const GOODBYE: Duration = Duration::from_secs(3);
+/// Wait after an answer which does not tell what became of a result.
+const UNTOLD: Duration = Duration::from_secs(1);
 
 pub(crate) struct Agent {
     settings: Settings,
     http: Http,
     shutdown: Shutdown,
-    worker: WorkerId,
+    /// The name it is registered under, if it is.
+    worker: Option<WorkerId>,
     renew: Duration,
     idle: Vec<Slot>,
     running: Running,
@@ -52,9 +51,13 @@ pub(crate) struct Agent {
     poll: Option<Flight>,
     renew_at: Instant,
     renewal_due: bool,
+    /// The coordinator refused renewals with news: the next ones go without.
+    without_news: bool,
     not_before: Instant,
     poll_after: Instant,
-    backoff: Backoff,
+    trouble: Trouble,
+    /// What went wrong last.
+    last_trouble: Option<String>,
     drain_until: Option<Instant>,
     began: Instant,
     idle_since: Instant,
@@ -68,7 +71,7 @@ impl Agent {
             idle: (0..settings.slots).map(slot).collect(),
             http,
             shutdown,
-            worker: WorkerId::new(),
+            worker: None,
             renew: TICK,
             running: Running::default(),
             outbox: Outbox::new(),
@@ -77,9 +80,11 @@ impl Agent {
             poll: None,
             renew_at: Instant::now(),
             renewal_due: false,
+            without_news: false,
             not_before: Instant::now(),
             poll_after: Instant::now(),
-            backoff: Backoff::default(),
+            trouble: Trouble::default(),
+            last_trouble: None,
             drain_until: None,
             began: Instant::now(),
             idle_since: Instant::now(),
@@ -89,8 +94,8 @@ impl Agent {
     }
 
     pub(crate) async fn run(mut self) -> Result<Summary, WorkerError> {
-        if !self.register().await? {
-            return Ok(self.summary);
+        if !self.register(true).await? {
+            return self.unregistered();
         }
         let mut tick = tokio::time::interval(TICK.min(self.renew));
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -111,74 +116,41 @@ impl Agent {
         Ok(self.summary)
     }
 
-    /// Introduces the worker, for as long as it takes; false when it is told to leave first.
-    async fn register(&mut self) -> Result<bool, WorkerError> {
-        let request = RegisterRequest {
-            name: self.settings.name.clone(),
-            slots: u32::try_from(self.settings.slots).unwrap_or(u32::MAX),
-            protocol_version: PROTOCOL_VERSION,
-            solver_version: simulation::SOLVER_VERSION.into(),
-            level: simulation::level().into(),
-        };
-        let shutdown = self.shutdown.clone();
-        loop {
-            let answer = tokio::select! {
-                () = shutdown.stop.cancelled() => return Ok(false),
-                () = shutdown.drain.cancelled() => return Ok(false),
-                answer = http::call::<RegisterResponse>(self.http.post("/v1/workers").json(&request)) => answer,
-            };
-            match answer {
-                Ok(answer) => {
-                    self.settle(&answer);
-                    return Ok(true);
-                }
-                Err(error) if error.is_passing() => {
-                    self.trouble(&error);
-                    tokio::select! {
-                        () = shutdown.stop.cancelled() => return Ok(false),
-                        () = shutdown.drain.cancelled() => return Ok(false),
-                        () = sleep_until(self.not_before) => {}
-                    }
-                }
-                Err(CallError::Refused(problem)) => return Err(WorkerError::Refused(problem)),
-                Err(error) => return Err(WorkerError::NotACoordinator(error)),
-            }
-        }
-    }
-
-    fn settle(&mut self, answer: &RegisterResponse) {
-        self.worker = answer.worker;
-        // What the network says is bounded, or a bad number would spin or starve the loop.
-        self.renew = Duration::from_secs_f64(answer.renew_s.clamp(0.05, 3600.0));
-        self.backoff.reset();
-        self.not_before = Instant::now();
-        let (slots, level) = (self.settings.slots, simulation::level());
-        info!(worker = %self.worker, slots, level, coordinator = self.http.base(), "registered");
-    }
-
     /// Sends off whatever is due.
     fn take_off(&mut self) {
         let now = Instant::now();
-        if now < self.not_before {
+        if now < self.not_before || self.worker.is_none() {
             return;
         }
         if self.report.is_none() && (!self.outbox.is_empty() || self.renewal_due) {
-            let mut request = ExchangeRequest { want: self.unasked(), ..ExchangeRequest::default() };
-            let batch = self.outbox.fill(&mut request);
-            if self.renewal_due {
-                let all = now >= self.renew_at;
-                request.renew = self.running.renewals(all);
-                self.renew_at = if all { now + self.renew } else { self.renew_at };
-                self.renewal_due = false;
-            }
-            self.report = Some(self.exchange(request, batch));
+            let request = self.next_report(now);
+            self.report = Some(self.exchange(request));
         }
         let want = self.unasked();
         if self.poll.is_none() && want > 0 && now >= self.poll_after {
             let request =
                 ExchangeRequest { want, wait_s: self.settings.poll.as_secs_f64(), ..ExchangeRequest::default() };
-            self.poll = Some(self.exchange(request, 0));
+            self.poll = Some(self.exchange(request));
         }
+    }
+
+    /// Results, failures and renewals which are due. A report which the coordinator may be unable to
+    /// read goes by itself, so that nothing else is refused with it.
+    fn next_report(&mut self, now: Instant) -> ExchangeRequest {
+        let mut request = ExchangeRequest::default();
+        if !self.outbox.is_suspect() || !self.renewal_due {
+            self.outbox.fill(&mut request);
+        }
+        if self.renewal_due {
+            let all = now >= self.renew_at;
+            request.renew = self.running.renewals(all, !self.without_news);
+            self.renew_at = if all { now + self.renew } else { self.renew_at };
+            self.renewal_due = false;
+        }
+        if !self.outbox.is_suspect() {
+            request.want = self.unasked();
+        }
+        request
     }
 
     /// Idle slots no request under way asks a job for.
@@ -195,37 +167,59 @@ impl Agent {
         self.running.jobs().chain(self.outbox.jobs())
     }
 
-    fn exchange(&mut self, mut request: ExchangeRequest, batch: usize) -> Flight {
+    fn exchange(&mut self, mut request: ExchangeRequest) -> Flight {
         if request.want > 0 && std::mem::take(&mut self.missed) {
             request.have = Some(self.jobs().map(|(job, _)| job).collect());
         }
         let wait = Duration::try_from_secs_f64(request.wait_s).unwrap_or_default();
-        let path = format!("/v1/workers/{}/exchange", self.worker);
+        let worker = self.worker.map(|worker| worker.to_string()).unwrap_or_default();
+        let path = format!("/v1/workers/{worker}/exchange");
         let call = self.http.post(&path).timeout(http::CALL + wait).json(&request);
-        Flight::new(http::call(call), request.want, batch)
+        Flight::new(http::call(call), &request)
     }
 
     async fn on_report(&mut self, landed: Landed) -> Result<(), WorkerError> {
         match landed.answer {
             Ok(answer) => {
-                let Delivered { completed, failed, refused } = self.outbox.answered(landed.batch, &answer);
-                self.summary.completed += completed;
-                self.summary.failed += failed;
-                self.summary.refused += refused;
+                let untold = self.settle_batch(landed.batch, &answer);
+                self.without_news &= landed.renewed == 0;
                 self.on_answer(answer, landed.since);
+                if untold > 0 {
+                    warn!(untold, "the answer does not tell what became of results; they are sent again");
+                    self.not_before = Instant::now() + UNTOLD;
+                }
             }
-            Err(error) if error.status() == Some(404) => self.start_over().await?,
+            Err(error) if error.is_problem("unknown-worker") => self.start_over().await?,
             Err(error) => {
-                if !error.is_passing() {
-                    self.outbox.refused(landed.batch, &error.to_string());
+                if error.refuses_content() {
+                    self.on_refusal(landed.batch, landed.renewed, &error);
                 }
                 // It may have carried renewals.
                 self.renew_at = Instant::now();
                 self.missed |= landed.want > 0;
-                self.trouble(&error);
+                self.on_trouble(&error);
             }
         }
         Ok(())
+    }
+
+    /// Counts what a batch has become; gives how many reports the answer leaves out.
+    fn settle_batch(&mut self, batch: usize, answer: &ExchangeResponse) -> usize {
+        let Delivered { completed, failed, refused, untold } = self.outbox.answered(batch, answer);
+        self.summary.completed += completed;
+        self.summary.failed += failed;
+        self.summary.refused += refused;
+        untold
+    }
+
+    /// The coordinator cannot read what was sent.
+    fn on_refusal(&mut self, batch: usize, renewed: usize, error: &CallError) {
+        if batch > 0 {
+            self.outbox.refused(batch, &error.to_string());
+        } else if renewed > 0 && !self.without_news {
+            warn!(%error, "renewals are refused; they are sent without progress and checkpoints");
+            self.without_news = true;
+        }
     }
 
     async fn on_poll(&mut self, landed: Landed) -> Result<(), WorkerError> {
@@ -236,17 +230,17 @@ impl Agent {
                 }
                 self.on_answer(answer, landed.since);
             }
-            Err(error) if error.status() == Some(404) => self.start_over().await?,
+            Err(error) if error.is_problem("unknown-worker") => self.start_over().await?,
             Err(error) => {
                 self.missed = true;
-                self.trouble(&error);
+                self.on_trouble(&error);
             }
         }
         Ok(())
     }
 
     fn on_answer(&mut self, answer: ExchangeResponse, asked: Instant) {
-        if self.backoff.reset() {
+        if self.trouble.is_over() {
             info!("the coordinator answers again");
         }
         for job in answer.cancel {
@@ -307,73 +301,26 @@ impl Agent {
 
     fn on_tick(&mut self) {
         let due = Instant::now() >= self.renew_at;
-        self.renewal_due |= (due && !self.running.is_empty()) || self.running.has_news();
-        if !self.running.is_empty() || !self.outbox.is_empty() {
+        self.renewal_due |= (due && !self.running.is_empty()) || (self.running.has_news() && !self.without_news);
+        if !self.running.is_empty() {
             self.idle_since = Instant::now();
         }
-        let is_over = |limit: Option<Duration>, since: Instant| limit.is_some_and(|limit| since.elapsed() >= limit);
-        if self.drain_until.is_some() {
-            return;
-        }
-        if is_over(self.settings.max_runtime, self.began) {
-            self.drain("its time is over");
-        } else if is_over(self.settings.idle_exit, self.idle_since) {
-            self.drain("there was nothing to do for long enough");
+        if self.drain_until.is_none()
+            && let Some(why) = self.is_over()
+        {
+            self.drain(why);
         }
     }
 
     /// Notes a failed call and when to try again.
-    fn trouble(&mut self, error: &CallError) {
-        if !self.backoff.is_failing() {
-            warn!(%error, "reconnecting");
+    fn on_trouble(&mut self, error: &CallError) {
+        let (wait, tell) = self.trouble.add(error, Instant::now());
+        if tell {
+            let (running, undelivered, advice) = (self.running.len(), self.outbox.len(), error.advice());
+            warn!(%error, advice, running, undelivered, "reconnecting; running jobs and results are kept");
         }
-        let wait = self.backoff.next();
         debug!(%error, wait_s = wait.as_secs_f64(), "call failed");
+        self.last_trouble = Some(error.to_string());
         self.not_before = Instant::now() + wait;
-    }
-
-    /// The coordinator no longer knows this worker: its leases are gone, and so
-    /// is the use of what it has computed under them.
-    async fn start_over(&mut self) -> Result<(), WorkerError> {
-        (self.report, self.poll) = (None, None);
-        let running = self.running.cancel_all();
-        warn!(running, undelivered = self.outbox.len(), "unknown to the coordinator: leases dropped, registering anew");
-        self.outbox.clear();
-        if !self.register().await? {
-            self.drain("asked to leave");
-        }
-        Ok(())
-    }
-
-    fn drain(&mut self, why: &str) {
-        info!(why, running = self.running.len(), "draining: finishing what runs, taking nothing new");
-        // A job granted to this poll goes back with the goodbye.
-        self.poll = None;
-        self.drain_until = Some(Instant::now() + self.settings.drain_patience);
-    }
-
-    fn is_done(&mut self) -> bool {
-        let Some(until) = &mut self.drain_until else { return false };
-        let answers = !self.backoff.is_failing();
-        if answers || !self.running.is_empty() {
-            *until = Instant::now() + self.settings.drain_patience;
-        }
-        let delivered = self.outbox.is_empty() && self.report.is_none();
-        let given_up = Instant::now() >= *until;
-        if given_up {
-            warn!(undelivered = self.outbox.len(), "the coordinator does not answer; leaving without delivering");
-        }
-        self.running.is_empty() && (delivered || given_up)
-    }
-
-    /// Says goodbye, so that whatever is still leased is given to others at once.
-    async fn leave(&mut self) {
-        self.running.cancel_all();
-        self.idle.clear();
-        let request = self.http.delete(&format!("/v1/workers/{}", self.worker)).timeout(GOODBYE);
-        match http::send(request).await {
-            Ok(_) => info!(completed = self.summary.completed, failed = self.summary.failed, "left"),
-            Err(error) => warn!(%error, "left without a goodbye; leases expire by themselves"),
-        }
     }
 }

@@ -23,11 +23,6 @@ impl Backoff {
     pub(crate) fn reset(&mut self) -> bool {
         std::mem::take(&mut self.failures) > 0
     }
-
-    /// Whether the last attempt failed.
-    pub(crate) fn is_failing(&self) -> bool {
-        self.failures > 0
-    }
 }
 
 #[cfg(test)]
@@ -37,7 +32,7 @@ mod tests {
     #[test]
     fn it_grows_to_its_limit_and_starts_over() {
         let mut backoff = Backoff::default();
-        assert!(!backoff.is_failing());
+        assert!(!backoff.reset());
         assert!((FIRST / 2..=FIRST).contains(&backoff.next()));
         for _ in 0..100 {
             assert!(backoff.next() <= LONGEST);

@@ -1,61 +1,27 @@
 //! HTTP towards a coordinator: one place which knows how a call can fail. The
 //! command-line client uses it too.
 
+mod answer;
+mod error;
+
 use std::net::IpAddr;
 use std::time::Duration;
 
-use manduca_protocol::problem::Problem;
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
-use reqwest::{RequestBuilder, Response, StatusCode, Url};
-use serde::de::DeserializeOwned;
+use reqwest::redirect::Policy;
+use reqwest::{ClientBuilder, RequestBuilder, Url};
+
+pub use answer::{call, open, send, send_expecting};
+pub use error::CallError;
+pub(crate) use error::Class;
+pub use reqwest::StatusCode;
 
 /// How long a connection may take to open.
 const CONNECT: Duration = Duration::from_secs(5);
 /// How long a call may take unless it says otherwise.
 pub const CALL: Duration = Duration::from_secs(30);
-
-/// How a call failed.
-#[derive(Debug, thiserror::Error)]
-pub enum CallError {
-    /// Nothing answered.
-    #[error("cannot reach {url}: {reason}")]
-    Unreachable {
-        /// What was asked.
-        url: String,
-        /// The innermost cause.
-        reason: String,
-    },
-    /// It answered with an error status.
-    #[error("{0}")]
-    Refused(Box<Problem>),
-    /// It answered what this version cannot read.
-    #[error("{url} answered what this version of manduca cannot read: {reason}")]
-    Unreadable {
-        /// What was asked.
-        url: String,
-        /// What is wrong with the answer.
-        reason: String,
-    },
-}
-
-impl CallError {
-    /// The status, when there was an answer which says no.
-    pub fn status(&self) -> Option<u16> {
-        match self {
-            Self::Refused(problem) => Some(problem.status),
-            _ => None,
-        }
-    }
-
-    /// Whether the same call may succeed later.
-    pub fn is_passing(&self) -> bool {
-        match self {
-            Self::Unreachable { .. } => true,
-            Self::Refused(problem) => problem.status >= 500 || matches!(problem.status, 408 | 425 | 429),
-            Self::Unreadable { .. } => false,
-        }
-    }
-}
+/// Variables which may name a proxy for `http://`.
+const PROXIES: [&str; 4] = ["http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"];
 
 /// What a coordinator asks for before it answers. It is not shown, not even for debugging.
 #[derive(Clone)]
@@ -91,7 +57,8 @@ impl Http {
     /// A client of the coordinator at `base`; `http://` may be left out.
     ///
     /// # Errors
-    /// A sentence when the address is none.
+    /// A sentence when the address is none, or when it is `https` and this machine has no certificates to
+    /// check the other side's with.
     pub fn new(base: &str) -> Result<Self, String> {
         Self::with_token(base, None)
     }
@@ -99,7 +66,7 @@ impl Http {
     /// [`Http::new`] with a token sent along with every call.
     ///
     /// # Errors
-    /// A sentence when the address is none.
+    /// As [`Http::new`].
     pub fn with_token(base: &str, token: Option<&Token>) -> Result<Self, String> {
         let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
         let url = Url::parse(&base).map_err(|e| format!("`{base}` is not an address: {e}"))?;
@@ -108,7 +75,8 @@ impl Http {
         }
         // A second call finds the provider in place, which is as good.
         let _ = rustls::crypto::ring::default_provider().install_default();
-        let mut builder = reqwest::Client::builder().connect_timeout(CONNECT).tcp_nodelay(true);
+        // A token is for one address: a redirection is reported, not followed.
+        let mut builder = ClientBuilder::new().connect_timeout(CONNECT).tcp_nodelay(true).redirect(Policy::none());
         if let Some(Token(value)) = token {
             builder = builder.default_headers(HeaderMap::from_iter([(AUTHORIZATION, value.clone())]));
         }
@@ -116,7 +84,17 @@ impl Http {
             // A proxy cannot reach our own loopback, whatever HTTP_PROXY says.
             builder = builder.no_proxy();
         }
-        let client = builder.build().map_err(|e| format!("cannot set up HTTP: {}", root_cause(&e)))?;
+        if !needs_certificates(&url) {
+            // Else the system's certificates are loaded, and it is an error where there are none.
+            builder = builder.tls_certs_only([]);
+        }
+        let client = builder.build().map_err(|e| {
+            let cause = error::root_cause(&e);
+            format!(
+                "cannot set up TLS for {base}: {cause}; install the system's certificates (the package is usually called \
+                 ca-certificates), or name a PEM file in SSL_CERT_FILE"
+            )
+        })?;
         Ok(Self { client, base: base.trim_end_matches('/').to_owned() })
     }
 
@@ -146,55 +124,10 @@ impl Http {
     }
 }
 
-/// Sends a request and hands back the answer once its status is a good one.
-///
-/// # Errors
-/// When nothing answers or the answer is a refusal.
-pub async fn send(request: RequestBuilder) -> Result<Response, CallError> {
-    let response = request.send().await.map_err(unreachable)?;
-    let status = response.status();
-    if status.is_success() {
-        return Ok(response);
-    }
-    let url = response.url().to_string();
-    let body = response.text().await.unwrap_or_default();
-    Err(CallError::Refused(Box::new(problem(status, &url, &body))))
-}
-
-/// Sends a request and reads its answer as JSON.
-///
-/// # Errors
-/// As [`send`], and when the answer is not what it should be.
-pub async fn call<T: DeserializeOwned>(request: RequestBuilder) -> Result<T, CallError> {
-    let response = send(request).await?;
-    let url = response.url().to_string();
-    let body = response.bytes().await.map_err(unreachable)?;
-    serde_json::from_slice(&body).map_err(|e| CallError::Unreadable { url, reason: e.to_string() })
-}
-
-/// Not every error comes from a coordinator: a proxy answers in its own words.
-fn problem(status: StatusCode, url: &str, body: &str) -> Problem {
-    serde_json::from_str(body).unwrap_or_else(|_| Problem {
-        kind: "about:blank".into(),
-        title: status.canonical_reason().unwrap_or("refused").into(),
-        status: status.as_u16(),
-        detail: format!("{url} says: {}", body.chars().take(300).collect::<String>().trim()),
-        errors: Vec::new(),
-    })
-}
-
-fn unreachable(error: reqwest::Error) -> CallError {
-    let url = error.url().map_or_else(|| "the coordinator".to_owned(), ToString::to_string);
-    CallError::Unreachable { url, reason: root_cause(&error) }
-}
-
-/// The innermost cause says what happened; the outer ones repeat the address.
-fn root_cause(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(inner) = cause.source() {
-        cause = inner;
-    }
-    cause.to_string()
+/// Whether any certificate is checked: the coordinator's, or that of a proxy on the way to it.
+fn needs_certificates(url: &Url) -> bool {
+    let is_tls = |name: &str| std::env::var(name).is_ok_and(|proxy| proxy.trim().starts_with("https:"));
+    url.scheme() == "https" || (!is_loopback(url) && PROXIES.iter().any(|name| is_tls(name)))
 }
 
 fn is_loopback(url: &Url) -> bool {
@@ -220,12 +153,5 @@ mod tests {
             assert!(is_loopback(&Url::parse(address).unwrap()), "{address}");
         }
         assert!(!is_loopback(&Url::parse("http://10.0.0.1").unwrap()));
-    }
-
-    #[test]
-    fn a_strangers_error_page_becomes_a_problem() {
-        let problem = problem(StatusCode::BAD_GATEWAY, "http://x/", "<h1>oh</h1>");
-        assert_eq!((problem.status, problem.title.as_str()), (502, "Bad Gateway"));
-        assert!(CallError::Refused(Box::new(problem)).is_passing());
     }
 }

@@ -6,11 +6,13 @@ use manduca_protocol::ids::JobId;
 use manduca_protocol::task::{JobKind, Task};
 use manduca_protocol::worker::{Fault, Lease};
 use tokio::sync::watch;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+use tracing::warn;
 
-use crate::backoff::Backoff;
 use crate::http::{self, Http};
 use crate::slot::{News, Outcome, Slot};
+use crate::trouble::Trouble;
 
 /// Longest time a large task may take to arrive.
 const FETCH: Duration = Duration::from_secs(300);
@@ -50,13 +52,21 @@ pub(crate) async fn work(
     Finished { job, attempt, kind, slot, outcome }
 }
 
+/// Fetches a task for as long as it takes: the lease is renewed meanwhile, and the coordinator ends it
+/// where nothing comes of it. A refused token may be a passing fault too.
 async fn fetch(http: &Http, job: JobId) -> Result<Task, String> {
-    let mut backoff = Backoff::default();
+    let mut trouble = Trouble::default();
     loop {
         let request = http.get(&format!("/v1/jobs/{job}/task")).timeout(FETCH);
         match http::call(request).await {
             Ok(task) => return Ok(task),
-            Err(error) if error.is_passing() => tokio::time::sleep(backoff.next()).await,
+            Err(error) if error.is_passing() || matches!(error.status(), Some(401 | 403)) => {
+                let (wait, tell) = trouble.add(&error, Instant::now());
+                if tell {
+                    warn!(%job, %error, advice = error.advice(), "the task cannot be fetched yet");
+                }
+                tokio::time::sleep(wait).await;
+            }
             Err(error) => return Err(format!("cannot fetch the task: {error}")),
         }
     }

@@ -13,6 +13,7 @@ pub mod http;
 mod job;
 mod outbox;
 pub mod slot;
+mod trouble;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,6 +23,9 @@ use tokio_util::sync::CancellationToken;
 
 /// Most slots of one worker: what fits in the lists of one exchange.
 pub const MAX_SLOTS: usize = manduca_protocol::worker::MAX_BATCH;
+
+/// How long a worker drains unless told otherwise: shorter than systemd waits before it kills.
+pub const DRAIN_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// How a worker is set up.
 #[derive(Debug, Clone)]
@@ -40,12 +44,12 @@ pub struct Settings {
     pub arguments: Vec<String>,
     /// Longest wait of one request for work.
     pub poll: Duration,
-    /// How long it stays without a job; for ever where none.
+    /// How long it stays without a job, whether the coordinator can be reached or not; for ever where none.
     pub idle_exit: Option<Duration>,
     /// How long it takes jobs; for ever where none. Then it finishes what runs and leaves.
     pub max_runtime: Option<Duration>,
-    /// How long a draining worker tries to deliver to a coordinator which does not answer.
-    pub drain_patience: Duration,
+    /// How long a draining worker computes and tries to deliver. What runs then is given back.
+    pub drain_timeout: Duration,
 }
 
 impl Settings {
@@ -61,7 +65,7 @@ impl Settings {
             poll: Duration::from_secs(10),
             idle_exit: None,
             max_runtime: None,
-            drain_patience: Duration::from_secs(60),
+            drain_timeout: DRAIN_TIMEOUT,
         }
     }
 }
@@ -69,7 +73,7 @@ impl Settings {
 /// The two ways to end a worker; each may be asked for at any time.
 #[derive(Debug, Clone, Default)]
 pub struct Shutdown {
-    /// Finish what runs, take nothing new, deliver, leave.
+    /// Finish what runs within [`Settings::drain_timeout`], take nothing new, deliver, leave.
     pub drain: CancellationToken,
     /// Leave at once: what runs is given back and computed elsewhere.
     pub stop: CancellationToken,
@@ -84,6 +88,12 @@ pub struct Summary {
     pub failed: u64,
     /// Results the coordinator refused, such as those of a lease which had expired.
     pub refused: u64,
+    /// Results and running jobs lost because the coordinator no longer knew the worker.
+    pub lost: u64,
+    /// Results it left without delivering.
+    pub undelivered: u64,
+    /// Running jobs given back as it left.
+    pub given_back: u64,
 }
 
 /// Why a worker cannot work.
@@ -95,16 +105,22 @@ pub enum WorkerError {
     /// The coordinator will not have it: versions differ, for example.
     #[error("the coordinator refuses this worker: {0}")]
     Refused(Box<Problem>),
-    /// The address answers, but not as a coordinator does.
-    #[error(transparent)]
-    NotACoordinator(http::CallError),
+    /// It left, as its settings say, before any coordinator had taken it.
+    #[error("left after {:.0} s without having been registered by a coordinator: {why}", after.as_secs_f64())]
+    NeverRegistered {
+        /// How long it tried.
+        after: Duration,
+        /// What went wrong last.
+        why: String,
+    },
 }
 
 /// Works until told to leave. An unreachable coordinator is no error: the
 /// worker keeps computing, keeps its results and keeps trying.
 ///
 /// # Errors
-/// When the settings make no sense or the coordinator refuses the worker.
+/// When the settings make no sense, the coordinator refuses the worker, or the worker's time is over
+/// before it is registered.
 pub async fn run(settings: Settings, shutdown: Shutdown) -> Result<Summary, WorkerError> {
     if !(1..=MAX_SLOTS).contains(&settings.slots) {
         return Err(WorkerError::Settings(format!("slots: {} is outside 1 to {MAX_SLOTS}", settings.slots)));

@@ -29,6 +29,8 @@ pub(crate) struct Delivered {
     pub(crate) completed: u64,
     pub(crate) failed: u64,
     pub(crate) refused: u64,
+    /// Reports which the answer leaves out. They stay.
+    pub(crate) untold: usize,
 }
 
 /// Results in the order they came. Only one batch is ever under way, and it is
@@ -37,11 +39,17 @@ pub(crate) struct Delivered {
 pub(crate) struct Outbox {
     waiting: VecDeque<Report>,
     batch: usize,
+    /// How often the report in front was refused when it was sent by itself.
+    refusals: u32,
 }
+
+/// How often the coordinator must refuse to read a report before it is taken for unreadable: something
+/// on the way may have damaged it.
+const TRIES: u32 = 5;
 
 impl Outbox {
     pub(crate) fn new() -> Self {
-        Self { waiting: VecDeque::new(), batch: MAX_BATCH }
+        Self { waiting: VecDeque::new(), batch: MAX_BATCH, refusals: 0 }
     }
 
     pub(crate) fn push(&mut self, report: Report) {
@@ -77,43 +85,64 @@ impl Outbox {
         batch
     }
 
-    /// Forgets the batch just answered.
+    /// Whether the report in front may be one which the coordinator cannot read.
+    pub(crate) fn is_suspect(&self) -> bool {
+        self.batch == 1
+    }
+
+    /// Forgets the reports of a batch which its answer tells about.
     pub(crate) fn answered(&mut self, batch: usize, answer: &ExchangeResponse) -> Delivered {
-        self.batch = MAX_BATCH;
         let accepted: HashSet<JobId> = answer.accepted.iter().copied().collect();
+        let rejected: HashSet<JobId> = answer.rejected.iter().map(|rejected| rejected.job).collect();
         for rejected in &answer.rejected {
             warn!(job = %rejected.job, reason = rejected.reason, "result refused");
         }
-        let mut delivered = Delivered::default();
+        let (mut delivered, mut untold) = (Delivered::default(), Vec::new());
         for report in self.waiting.drain(..batch.min(self.waiting.len())) {
+            let job = report.of().0;
             match report {
-                _ if !accepted.contains(&report.of().0) => delivered.refused += 1,
-                Report::Complete(_) => delivered.completed += 1,
-                Report::Fail(_) => delivered.failed += 1,
+                Report::Complete(_) if accepted.contains(&job) => delivered.completed += 1,
+                Report::Fail(_) if accepted.contains(&job) => delivered.failed += 1,
+                _ if rejected.contains(&job) => delivered.refused += 1,
+                report => untold.push(report),
             }
         }
+        delivered.untold = untold.len();
+        if batch > 0 {
+            self.trust();
+        }
+        untold.into_iter().rev().for_each(|report| self.waiting.push_front(report));
         delivered
     }
 
-    /// The coordinator will not even read the batch, and sending it again would
-    /// end the same way. Sent one by one, the culprit shows: a result becomes a
-    /// failure, which is plain text, and a failure is dropped.
+    /// The coordinator will not even read the batch. Sent one by one, the culprit shows: a result which
+    /// is refused again and again becomes a failure, which is plain text, and a failure is dropped.
     pub(crate) fn refused(&mut self, batch: usize, why: &str) {
-        if batch > 1 {
-            self.batch = 1;
+        if batch == 0 {
             return;
         }
-        self.batch = MAX_BATCH;
+        self.refusals = if batch == 1 { self.refusals + 1 } else { 0 };
+        self.batch = 1;
+        if self.refusals < TRIES {
+            return;
+        }
+        self.trust();
         match self.waiting.pop_front() {
             Some(Report::Complete(Completion { job, attempt, .. })) => {
-                error!(%job, why, "the coordinator cannot read this result");
+                error!(%job, attempt, why, "result lost: the coordinator cannot read it");
                 let reason = format!("the coordinator cannot read the result: {why}");
                 let fault = Some(Fault::Machine);
                 self.waiting.push_front(Report::Fail(Failure { job, attempt, reason, fault }));
             }
-            Some(Report::Fail(Failure { job, .. })) => error!(%job, why, "dropped a failure report"),
+            Some(Report::Fail(Failure { job, attempt, .. })) => {
+                error!(%job, attempt, why, "failure report lost: the coordinator cannot read it");
+            }
             None => {}
         }
+    }
+
+    fn trust(&mut self) {
+        (self.batch, self.refusals) = (MAX_BATCH, 0);
     }
 }
 
@@ -141,8 +170,11 @@ mod tests {
             rejected: vec![Rejected { job: JobId(2), reason: "stale".into() }],
             ..ExchangeResponse::default()
         };
-        assert_eq!(outbox.answered(batch, &answer), Delivered { completed: 0, failed: 1, refused: 1 });
+        assert_eq!(outbox.answered(batch, &answer), Delivered { completed: 0, failed: 1, refused: 1, untold: 0 });
         assert_eq!(outbox.len(), 1);
+        // An answer which leaves a report out is no answer to it.
+        let told = outbox.answered(1, &ExchangeResponse::default());
+        assert_eq!((told, outbox.len()), (Delivered { untold: 1, ..Delivered::default() }, 1));
     }
 
     #[test]
@@ -151,9 +183,15 @@ mod tests {
         outbox.push(failure(1));
         outbox.push(failure(2));
         outbox.refused(2, "422");
+        assert!(outbox.is_suspect());
         let mut request = ExchangeRequest::default();
         assert_eq!(outbox.fill(&mut request), 1);
-        outbox.refused(1, "422");
-        assert_eq!(outbox.len(), 1);
+        // What carried no report refuses none.
+        outbox.refused(0, "422");
+        for tries in 1..=TRIES {
+            assert_eq!(outbox.len(), 2, "after {tries} tries");
+            outbox.refused(1, "422");
+        }
+        assert_eq!((outbox.len(), outbox.is_suspect()), (1, false));
     }
 }

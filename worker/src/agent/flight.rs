@@ -3,7 +3,7 @@
 use std::future::Future;
 use std::pin::Pin;
 
-use manduca_protocol::worker::ExchangeResponse;
+use manduca_protocol::worker::{ExchangeRequest, ExchangeResponse};
 use tokio::time::Instant;
 
 use crate::http::CallError;
@@ -17,6 +17,7 @@ pub(super) struct Flight {
     /// Jobs it asks for.
     pub(super) want: u32,
     batch: usize,
+    renewed: usize,
 }
 
 /// A request answered, or not.
@@ -28,11 +29,15 @@ pub(super) struct Landed {
     pub(super) want: u32,
     /// Reports it carried.
     pub(super) batch: usize,
+    /// Renewals it carried.
+    pub(super) renewed: usize,
 }
 
 impl Flight {
-    pub(super) fn new(answer: impl Future<Output = Answer> + Send + 'static, want: u32, batch: usize) -> Self {
-        Self { answer: Box::pin(answer), since: Instant::now(), want, batch }
+    pub(super) fn new(answer: impl Future<Output = Answer> + Send + 'static, request: &ExchangeRequest) -> Self {
+        let batch = request.complete.len() + request.fail.len();
+        let (want, renewed) = (request.want, request.renew.len());
+        Self { answer: Box::pin(answer), since: Instant::now(), want, batch, renewed }
     }
 }
 
@@ -40,7 +45,8 @@ impl Flight {
 pub(super) async fn landed(flight: &mut Option<Flight>) -> Landed {
     let Some(under_way) = flight else { return std::future::pending().await };
     let answer = under_way.answer.as_mut().await;
-    let landed = Landed { answer, since: under_way.since, want: under_way.want, batch: under_way.batch };
+    let Flight { since, want, batch, renewed, .. } = *under_way;
+    let landed = Landed { answer, since, want, batch, renewed };
     *flight = None;
     landed
 }

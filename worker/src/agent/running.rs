@@ -103,8 +103,8 @@ impl Running {
         self.entries.values().any(|entry| entry.news.has_changed().unwrap_or(false))
     }
 
-    /// Renewals of all jobs, or only of those with news.
-    pub(super) fn renewals(&mut self, all: bool) -> Vec<Renewal> {
+    /// Renewals of all jobs, or only of those with news; with their news or without.
+    pub(super) fn renewals(&mut self, all: bool, tell: bool) -> Vec<Renewal> {
         let renewal = |(&job, entry): (&JobId, &mut Entry)| {
             let changed = entry.news.has_changed().unwrap_or(false);
             let News { progress, checkpoint } = if changed {
@@ -112,6 +112,7 @@ impl Running {
             } else {
                 News { progress: entry.news.borrow().progress.clone(), checkpoint: None }
             };
+            let (progress, checkpoint) = if tell { (progress, checkpoint) } else { (None, None) };
             (all || changed).then_some(Renewal { job, attempt: entry.attempt, progress, checkpoint })
         };
         self.entries.iter_mut().filter_map(renewal).collect()

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use manduca_protocol::task::{JobResult, Provenance, Task};
 use manduca_protocol::worker::Fault;
@@ -11,12 +11,15 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use tracing::error;
 
 use super::stderr::LastWords;
 use super::{Message, News};
 
 /// A program which cannot be started must not burn every attempt of every job within a second.
 const AFTER_A_FAILED_START: Duration = Duration::from_secs(1);
+/// How long a slot waits for what the machine is short of, such as handles of files or room for processes.
+const SHORTAGE: Duration = Duration::from_secs(60);
 
 /// How a task ended.
 #[derive(Debug)]
@@ -59,13 +62,8 @@ impl Slot {
         news: &watch::Sender<News>,
         stop: &CancellationToken,
     ) -> Outcome {
-        if let Err(e) = self.ensure_started() {
-            let reason = format!("cannot start {}: {e}", self.program.display());
-            tokio::select! {
-                () = stop.cancelled() => {}
-                () = tokio::time::sleep(AFTER_A_FAILED_START) => {}
-            }
-            return Outcome::Failed(reason, Fault::Machine);
+        if let Err(outcome) = self.start_patiently(stop).await {
+            return outcome;
         }
         tokio::select! {
             biased;
@@ -80,6 +78,29 @@ impl Slot {
             answer = self.converse(task, news) => match answer {
                 Ok(outcome) => outcome,
                 Err(trouble) => Outcome::Failed(self.bury(trouble).await, Fault::Machine),
+            }
+        }
+    }
+
+    /// Starts the child where there is none. What the machine is short of is waited for: it is no
+    /// job's fault, and may be there again when another job has ended.
+    async fn start_patiently(&mut self, stop: &CancellationToken) -> Result<(), Outcome> {
+        let begun = Instant::now();
+        let mut told = false;
+        loop {
+            let Err(error) = self.ensure_started() else { return Ok(()) };
+            let is_short = is_shortage(&error);
+            if is_short && !told {
+                error!(%error, "a compute slot cannot be started; fewer slots or higher limits of the system would help");
+                told = true;
+            }
+            tokio::select! {
+                () = stop.cancelled() => return Err(Outcome::Cancelled),
+                () = tokio::time::sleep(AFTER_A_FAILED_START) => {}
+            }
+            if !is_short || begun.elapsed() >= SHORTAGE {
+                let reason = format!("cannot start {}: {error}", self.program.display());
+                return Err(Outcome::Failed(reason, Fault::Machine));
             }
         }
     }
@@ -153,6 +174,13 @@ impl Slot {
     }
 }
 
+/// Whether a program cannot be started for want of file handles, processes or memory.
+fn is_shortage(error: &io::Error) -> bool {
+    // ENFILE and EMFILE have no kind of their own.
+    let is_out_of_files = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));
+    is_out_of_files || matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::OutOfMemory)
+}
+
 fn describe(status: ExitStatus) -> String {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
@@ -166,7 +194,6 @@ fn describe(status: ExitStatus) -> String {
 #[cfg(unix)]
 mod tests {
     use super::*;
-    use std::time::Instant;
 
     fn script(text: &str) -> Slot {
         Slot::new("/bin/sh".into(), vec!["-c".into(), text.into()])
@@ -219,6 +246,14 @@ mod tests {
         let (reason, _) = run(&mut script("exec sleep 60"), Duration::from_millis(100)).await;
         assert!(reason.contains("run limit"), "{reason}");
         assert!(start.elapsed() < Duration::from_secs(10));
+    }
+
+    #[test]
+    fn what_a_machine_is_short_of_is_no_fault_of_the_program() {
+        for code in [23, 24] {
+            assert!(is_shortage(&io::Error::from_raw_os_error(code)), "{code}");
+        }
+        assert!(is_shortage(&io::ErrorKind::WouldBlock.into()) && !is_shortage(&io::ErrorKind::NotFound.into()));
     }
 
     #[tokio::test]

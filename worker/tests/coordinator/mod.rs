@@ -5,8 +5,9 @@ use std::ops::RangeInclusive;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use axum::extract::{Path, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{delete, get, post};
 use axum::{Json, Router};
@@ -42,6 +43,20 @@ pub struct Book {
     pub given_again: u32,
     pub fetched: u32,
     pub left: u32,
+    /// Status, media type and body of an answer which something on the way gives to every call.
+    pub stranger: Option<(u16, &'static str, &'static str)>,
+    /// The same for tasks alone.
+    pub stranger_of_tasks: Option<(u16, &'static str, &'static str)>,
+    /// Calls which it has answered.
+    pub intercepted: u32,
+    /// Requests with results which the coordinator says it cannot read.
+    pub unreadable: u32,
+    /// Whether it cannot read checkpoints.
+    pub unreadable_checkpoints: bool,
+    /// Whether answers leave out what became of results.
+    pub silent: bool,
+    /// Notes of checkpoints which came.
+    pub checkpoints: u32,
 }
 
 type Shared = Arc<(Mutex<Book>, Notify)>;
@@ -59,6 +74,7 @@ impl Coordinator {
             .route("/v1/workers/{worker}/exchange", post(exchange))
             .route("/v1/workers/{worker}", delete(leave))
             .route("/v1/jobs/{job}/task", get(fetch))
+            .layer(from_fn_with_state(shared.clone(), intercept))
             .with_state(shared.clone());
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
@@ -80,9 +96,26 @@ impl Coordinator {
     }
 }
 
-fn problem(status: StatusCode, detail: &str) -> Response {
+/// Something on the way answers instead of the coordinator.
+async fn intercept(State(shared): State<Shared>, request: Request, next: Next) -> Response {
+    let stranger = {
+        let mut book = shared.0.lock().unwrap();
+        let of_tasks = book.stranger_of_tasks.filter(|_| request.uri().path().ends_with("/task"));
+        let stranger = book.stranger.or(of_tasks);
+        book.intercepted += u32::from(stranger.is_some());
+        stranger
+    };
+    match stranger {
+        Some((status, media_type, body)) => {
+            (StatusCode::from_u16(status).unwrap(), [(header::CONTENT_TYPE, media_type)], body).into_response()
+        }
+        None => next.run(request).await,
+    }
+}
+
+fn problem(status: StatusCode, slug: &str, detail: &str) -> Response {
     let problem = Problem {
-        kind: "urn:test".into(),
+        kind: format!("urn:manduca:problem:{slug}"),
         title: "no".into(),
         status: status.as_u16(),
         detail: detail.into(),
@@ -94,7 +127,7 @@ fn problem(status: StatusCode, detail: &str) -> Response {
 async fn register(State(shared): State<Shared>, Json(_): Json<RegisterRequest>) -> Response {
     let mut book = shared.0.lock().unwrap();
     if book.refuse {
-        return problem(StatusCode::CONFLICT, "another solver version");
+        return problem(StatusCode::CONFLICT, "solver-version", "another solver version");
     }
     let worker = WorkerId::new();
     book.worker = Some(worker);
@@ -129,13 +162,19 @@ async fn exchange(
     {
         let mut book = shared.0.lock().unwrap();
         if book.worker != Some(worker) {
-            return problem(StatusCode::NOT_FOUND, "unknown worker");
+            return problem(StatusCode::NOT_FOUND, "unknown-worker", "unknown worker");
+        }
+        let report = !request.complete.is_empty() || !request.fail.is_empty();
+        let tells = request.renew.iter().any(|renewal| renewal.checkpoint.is_some());
+        let is_unreadable = book.unreadable > 0 && !request.complete.is_empty();
+        if is_unreadable || (book.unreadable_checkpoints && tells) {
+            book.unreadable -= u32::from(is_unreadable);
+            return problem(StatusCode::UNPROCESSABLE_ENTITY, "invalid-request", "cannot be read");
         }
         take(&mut book, &request, &mut response);
-        let report = !request.complete.is_empty() || !request.fail.is_empty();
         if report && book.lose_reports > 0 {
             book.lose_reports -= 1;
-            return problem(StatusCode::BAD_GATEWAY, "lost");
+            return problem(StatusCode::BAD_GATEWAY, "unavailable", "lost");
         }
     }
     let wait = tokio::time::sleep(Duration::from_secs_f64(request.wait_s));
@@ -145,12 +184,12 @@ async fn exchange(
         {
             let mut book = shared.0.lock().unwrap();
             if book.worker != Some(worker) {
-                return problem(StatusCode::NOT_FOUND, "unknown worker");
+                return problem(StatusCode::NOT_FOUND, "unknown-worker", "unknown worker");
             }
             grant(&mut book, &request, &mut response);
             if !response.jobs.is_empty() && book.lose_grants > 0 {
                 book.lose_grants -= 1;
-                return problem(StatusCode::BAD_GATEWAY, "lost");
+                return problem(StatusCode::BAD_GATEWAY, "unavailable", "lost");
             }
         }
         if !response.jobs.is_empty() || request.wait_s == 0.0 {
@@ -175,8 +214,12 @@ fn take(book: &mut Book, request: &ExchangeRequest, response: &mut ExchangeRespo
         }
         response.accepted.push(failure.job);
     }
+    if book.silent {
+        response.accepted.clear();
+    }
     for renewal in &request.renew {
         book.renewed += 1;
+        book.checkpoints += u32::from(renewal.checkpoint.is_some());
         if book.cancel.contains(&renewal.job.0) {
             book.leased.remove(&renewal.job.0);
             response.cancel.push(renewal.job);
