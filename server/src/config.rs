@@ -21,6 +21,8 @@ pub struct Config {
     pub lease: Duration,
     /// How often workers are asked to renew.
     pub renew: Duration,
+    /// Time between two sweeps beyond which the coordinator was away: leases are given what it missed.
+    pub away: Duration,
     /// Failures after which a job is given up.
     pub max_attempts: u32,
     /// Workers lost with a job after which it is given up.
@@ -92,6 +94,7 @@ impl Config {
             hosts: Hosts::default(),
             lease: Duration::from_secs(15),
             renew: Duration::from_secs(5),
+            away: Duration::from_millis(3750),
             max_attempts: 3,
             max_losses: 10,
             backoff: Duration::from_secs(1),
@@ -122,6 +125,13 @@ impl Config {
             evidence_per_worker: 50,
             watchers: 256,
         }
+    }
+
+    /// Sets how long a lease lasts, and what follows from it.
+    pub fn set_lease(&mut self, lease: Duration) {
+        self.lease = lease;
+        self.renew = lease / 3;
+        self.away = (lease / 4).max(2 * self.sweep);
     }
 
     /// How long a job waits after its `failures`-th failure, ms.
@@ -174,6 +184,16 @@ pub(crate) fn millis(duration: Duration) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_follows_from_a_lease_is_what_the_defaults_are() {
+        let mut config = Config::new("x");
+        let defaults = (config.renew, config.away);
+        config.set_lease(config.lease);
+        assert_eq!((config.renew, config.away), defaults);
+        config.set_lease(Duration::from_secs(1));
+        assert_eq!(config.away, 2 * config.sweep);
+    }
 
     #[test]
     fn the_wait_grows_fourfold_up_to_its_limit() {

@@ -106,6 +106,11 @@ pub(crate) enum Event {
     Recovered {
         leases: u64,
     },
+    /// The coordinator could take no renewals for a while.
+    Resumed {
+        leases: u64,
+        missed_s: f64,
+    },
     /// Jobs may be leased which could not before.
     Ready,
 }
@@ -134,6 +139,7 @@ impl Event {
             Self::Audited { agrees: false, .. } => "audit_differed",
             Self::Pruned { .. } => "study_pruned",
             Self::Recovered { .. } => "recovered",
+            Self::Resumed { .. } => "resumed",
             Self::Ready => return None,
         })
     }
@@ -166,6 +172,7 @@ impl Event {
             | Self::Quarantined { .. }
             | Self::Draining { .. }
             | Self::Recovered { .. }
+            | Self::Resumed { .. }
             | Self::Ready => None,
         }
     }
@@ -243,6 +250,13 @@ impl Event {
             }
             Self::Recovered { leases } => {
                 tracing::info!(leases.count = leases, "Store opened; live leases have a new term");
+            }
+            Self::Resumed { leases, missed_s } => {
+                tracing::warn!(
+                    leases.count = leases,
+                    server.missed_s = missed_s,
+                    "No renewals could be taken for a while: the coordinator was stopped, or its disk was busy; live leases have a new term"
+                );
             }
             Self::Ready => {}
         }

@@ -20,7 +20,7 @@ use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::registrations::Registrations;
 use crate::serve::ServerError;
-use crate::store::{Prune, Recover, Store, StoreError, Sweep};
+use crate::store::{Pace, Prune, Recover, Store, StoreError, Sweep};
 use crate::turn::Turns;
 
 /// An open coordinator. Clones share it; [`AppState::close`] ends it.
@@ -77,7 +77,8 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     store.run(Recover).await?;
     let stopping = CancellationToken::new();
     let refusals = Arc::new(Refusals::default());
-    tokio::spawn(sweep(store.clone(), config.clone(), refusals.clone(), stopping.clone()));
+    let pace = Pace::start(clock.now_ms());
+    tokio::spawn(sweep(store.clone(), config.clone(), pace, refusals.clone(), stopping.clone()));
     tokio::spawn(forget(store.clone(), clock.clone(), stopping.clone()));
     let registrations = Registrations::new(config.registrations, config.registrations_per_s);
     Ok(AppState {
@@ -158,7 +159,13 @@ async fn forget(store: Store, clock: Arc<dyn Clock>, stopping: CancellationToken
 }
 
 /// Looks for expired leases and ended waits until the coordinator stops.
-async fn sweep(store: Store, config: Arc<Config>, refusals: Arc<Refusals>, stopping: CancellationToken) {
+async fn sweep(
+    store: Store,
+    config: Arc<Config>,
+    mut pace: Pace,
+    refusals: Arc<Refusals>,
+    stopping: CancellationToken,
+) {
     prune(&store).await;
     let mut pruned = Instant::now();
     loop {
@@ -171,8 +178,9 @@ async fn sweep(store: Store, config: Arc<Config>, refusals: Arc<Refusals>, stopp
             pruned = Instant::now();
             prune(&store).await;
         }
-        match store.run(Sweep).await {
-            Ok(()) => {}
+        // A sweep which fails has not come by: whatever kept it away kept renewals away too.
+        match store.run(Sweep { pace }).await {
+            Ok(swept) => pace = swept,
             Err(StoreError::Closed) => return,
             Err(error) => {
                 tracing::error!(error.cause = %crate::error::chain(&error), "Expired leases could not be looked for");

@@ -12,6 +12,7 @@ use super::blame::Failed;
 use super::complete::find_job;
 use super::fail::{Cause, fail_attempt};
 use super::names::{kind_of, named, uuid};
+use super::pace::{Pace, make_up};
 use super::workers::{Tallies, add_to_tallies};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
@@ -20,13 +21,20 @@ use crate::event::Event;
 /// Most leases expired in one operation: others wait behind it.
 const MOST: i64 = 1000;
 
-/// Looks for what is due.
-pub(crate) struct Sweep;
+/// Looks for what is due; gives when it has come by.
+pub(crate) struct Sweep {
+    /// When it last came by.
+    pub(crate) pace: Pace,
+}
 
 impl Operation for Sweep {
-    type Output = ();
+    type Output = Pace;
 
-    async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
+    async fn apply(self, work: &mut Work<'_>) -> Result<Pace, StoreError> {
+        let (pace, absence) = self.pace.next(work.now, work.config);
+        if let Some(absence) = absence {
+            make_up(work, absence).await?;
+        }
         let (mut moved, mut tallies) = (BTreeSet::new(), Tallies::new());
         for (job, worker) in list_expired(work.db, work.now).await? {
             let Some(job) = find_job(work.db, JobId(job)).await? else { continue };
@@ -52,7 +60,7 @@ impl Operation for Sweep {
         if wake_delayed(work).await? > 0 {
             work.events.push(Event::Ready);
         }
-        Ok(())
+        Ok(pace)
     }
 }
 

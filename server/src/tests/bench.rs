@@ -1,7 +1,7 @@
 //! A coordinator under test.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use axum::Router;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use tower::ServiceExt;
 
 use super::answers;
-use crate::store::Sweep;
+use crate::store::{Pace, Sweep};
 use crate::{AppState, Clock, Config, app, open_with_clock};
 
 /// A clock moved by hand.
@@ -70,6 +70,7 @@ pub(super) struct Bench {
     pub(super) router: Router,
     clock: Arc<HandClock>,
     folder: TempDir,
+    pace: Mutex<Pace>,
 }
 
 impl Bench {
@@ -84,7 +85,7 @@ impl Bench {
         let mut config = config(&folder);
         change(&mut config);
         let state = open_with_clock(config, clock.clone()).await.expect("opens");
-        Self { router: called(&state), state, clock, folder }
+        Self { router: called(&state), state, pace: pace(&clock), clock, folder }
     }
 
     /// Where its database is.
@@ -98,13 +99,15 @@ impl Bench {
         let Self { clock, folder, .. } = self;
         clock.0.fetch_add(after.as_millis() as i64, Ordering::SeqCst);
         let state = open_with_clock(config(&folder), clock.clone()).await.expect("opens again");
-        Self { router: called(&state), state, clock, folder }
+        Self { router: called(&state), state, pace: pace(&clock), clock, folder }
     }
 
     /// Lets time pass and what is due happen.
     pub(super) async fn pass(&self, seconds: f64) {
         self.clock.0.fetch_add((seconds * 1000.0) as i64, Ordering::SeqCst);
-        self.state.store().run(Sweep).await.expect("sweeps");
+        let pace = *self.pace.lock().expect("no holder panics");
+        let swept = self.state.store().run(Sweep { pace }).await.expect("sweeps");
+        *self.pace.lock().expect("no holder panics") = swept;
     }
 
     pub(super) async fn send(&self, request: Request<Body>) -> Answer {
@@ -216,10 +219,14 @@ impl Bench {
     }
 }
 
+fn pace(clock: &HandClock) -> Mutex<Pace> {
+    Mutex::new(Pace::start(clock.now_ms()))
+}
+
 fn config(folder: &TempDir) -> Config {
-    // Time passes by hand here, and so does what time brings.
-    let sweep = Duration::from_secs(3600);
+    // Time passes by hand here, and so does what time brings. A jump of it is no absence.
+    let (sweep, away) = (Duration::from_secs(3600), Duration::MAX);
     // Workers of two slots take as many jobs as a test wants to look at.
     let (leases_per_slot, probation) = (1000, 1000);
-    Config { sweep, leases_per_slot, probation, ..Config::new(folder.path().join("manduca.db")) }
+    Config { sweep, away, leases_per_slot, probation, ..Config::new(folder.path().join("manduca.db")) }
 }

@@ -1,6 +1,7 @@
 //! The coordinator as its users and workers meet it, on a clock moved by hand,
 //! with workers whose results are made up.
 
+mod absence;
 mod access;
 mod add;
 mod answers;

@@ -19,7 +19,7 @@ use super::network::arrivals;
 use super::spec;
 use super::witness::Witness;
 use super::worker::{Message, Worker};
-use crate::store::Sweep;
+use crate::store::{Pace, Sweep};
 use crate::tests::bench::called;
 use crate::{AppState, Clock, Config, Offline, open_with_clock};
 
@@ -64,6 +64,7 @@ pub(super) struct World {
     offset: i64,
     clock: Arc<SimulatedClock>,
     coordinator: Option<(AppState, Router)>,
+    pace: Pace,
     starts_at: i64,
     kills: Vec<i64>,
     folder: TempDir,
@@ -102,6 +103,7 @@ impl World {
             offset: 1_800_000_000_000,
             clock: Arc::new(SimulatedClock(AtomicI64::new(0))),
             coordinator: None,
+            pace: Pace::start(0),
             starts_at: 0,
             kills,
             folder,
@@ -143,7 +145,8 @@ impl World {
         if self.now % SWEEP == 0
             && let Some((state, _)) = &self.coordinator
         {
-            state.store().run(Sweep).await.map_err(|e| format!("the sweep failed: {e}"))?;
+            let swept = state.store().run(Sweep { pace: self.pace }).await;
+            self.pace = swept.map_err(|e| format!("the sweep failed: {e}"))?;
         }
         for who in 0..=CLIENT {
             self.act(who);
@@ -206,6 +209,7 @@ impl World {
         self.clock.0.store(self.now + self.offset, Ordering::SeqCst);
         let state = open_with_clock(config, self.clock.clone()).await.map_err(|e| format!("it does not start: {e}"))?;
         self.witness.restarted(self.now);
+        self.pace = Pace::start(self.clock.now_ms());
         let finished: Vec<i64> = sqlx::query_scalar("select job from jobs where state in ('succeeded', 'infeasible')")
             .fetch_all(state.store().readers())
             .await
