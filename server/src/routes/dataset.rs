@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, HeaderName, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use manduca_protocol::ids::StudyId;
@@ -24,6 +24,9 @@ use crate::store::{Store, StoreError};
 
 /// Rows read and sent at once: what a slow client keeps in memory here.
 const CHUNK: u32 = 500;
+/// Says how many rows there were when the answer began. A whole answer has at least as many: who reads it
+/// over a proxy which ends broken answers as if they were whole can tell by this.
+const ROWS: HeaderName = HeaderName::from_static("manduca-rows");
 
 pub(super) fn router() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(dataset))
@@ -64,9 +67,21 @@ async fn dataset(
     let head = state.store().study_head(study).await?;
     let writer = Writer::new(format, params.provenance, study, &head.spec, &head.solver_version)
         .map_err(|e| ApiError::Internal(Box::new(e)))?;
-    let rows = Rows::new(state.store().clone(), head.study, params.provenance, writer);
+    let expected = state.store().answered_samples(head.study).await?;
+    let said = VecDeque::from([writer.head()]);
+    let rows = Rows {
+        store: state.store().clone(),
+        study: (head.study, study),
+        provenance: params.provenance,
+        expected,
+        sent: 0,
+        writer: Some(writer),
+        after: -1,
+        said,
+    };
     let body = Body::from_stream(stream::try_unfold(rows, Rows::next));
-    Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
+    let headers = [(header::CONTENT_TYPE, format.media_type().to_owned()), (ROWS, expected.to_string())];
+    Ok((headers, body).into_response())
 }
 
 fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> {
@@ -78,23 +93,22 @@ fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> 
     Format::accepted(accept).ok_or(ApiError::NotAcceptable { offered: Format::OFFERED })
 }
 
-/// A dataset being sent. No snapshot is held for slow clients: rows never
-/// change, so reading on after the last index is enough.
+/// A dataset being sent. No snapshot is held for slow clients: rows do not
+/// change, so reading on after the last index is enough. A study may be removed
+/// meanwhile; then the connection is broken off, for what was sent is not whole.
 struct Rows {
     store: Store,
-    study: i64,
+    study: (i64, StudyId),
     provenance: bool,
+    /// Rows which were there at the beginning.
+    expected: u64,
+    sent: u64,
     writer: Option<Writer>,
     after: i64,
     said: VecDeque<Vec<u8>>,
 }
 
 impl Rows {
-    fn new(store: Store, study: i64, provenance: bool, writer: Writer) -> Self {
-        let said = VecDeque::from([writer.head()]);
-        Self { store, study, provenance, writer: Some(writer), after: -1, said }
-    }
-
     async fn next(mut self) -> Result<Option<(Vec<u8>, Self)>, StoreError> {
         loop {
             match self.said.pop_front() {
@@ -106,15 +120,23 @@ impl Rows {
             let read = self.read(writer).await;
             if let Err(error) = &read {
                 // The status is long sent: the broken-off body is all the client sees.
-                tracing::error!(error.cause = %chain(error), "A dataset broke off");
+                tracing::error!(study.id = %self.study.1, error.cause = %chain(error), "A dataset broke off");
             }
             read?;
         }
     }
 
     async fn read(&mut self, mut writer: Writer) -> Result<(), StoreError> {
-        let rows = self.store.samples_after(self.study, self.after, CHUNK).await?;
+        let (number, id) = self.study;
+        let rows = self.store.samples_after(number, Some(id), self.after, CHUNK).await?;
         let (last, provenance) = (rows.last().map(|row| row.ordinal), self.provenance);
+        self.sent += rows.len() as u64;
+        if last.is_none() && self.sent < self.expected {
+            let (sent, of) = (self.sent, self.expected);
+            return Err(StoreError::WrongState(format!(
+                "rows were removed while they were sent: {sent} of {of} are left"
+            )));
+        }
         // Not on the threads which serve: rows are unpacked, parsed and written again.
         let written = spawn_blocking(move || {
             let rows = rows.into_iter().map(|row| row.parse(provenance)).collect::<Result<Vec<_>, _>>()?;

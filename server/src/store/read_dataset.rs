@@ -1,6 +1,7 @@
 //! A study's samples with what the simulations said.
 
 use manduca_numerics::parameters::Point;
+use manduca_protocol::ids::StudyId;
 use manduca_protocol::point::ParameterValues;
 use manduca_protocol::task::{Provenance, SimulateOutcome, SimulateResult, TrainSample};
 use manduca_protocol::view::DatasetRow;
@@ -41,22 +42,37 @@ impl SampleRow {
 }
 
 impl Store {
-    /// The next samples with an answer after the one of this index.
-    pub(crate) async fn samples_after(&self, study: i64, after: i64, limit: u32) -> Result<Vec<SampleRow>, StoreError> {
+    /// The next samples with an answer after the one of this index; none once the study is removed. The
+    /// number of a removed study may be given to another one: readers who take their time name its id too.
+    pub(crate) async fn samples_after(
+        &self,
+        study: i64,
+        id: Option<StudyId>,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<SampleRow>, StoreError> {
         let rows = sqlx::query_as(
             "select j.ordinal, j.parameters, r.body, r.wall_s, r.level,
                     r.job as origin_job, r.worker as origin_worker, w.name as origin_name, w.token as origin_token
              from jobs as j join results as r on r.job = coalesce(j.result_of, j.job)
              left join workers as w on w.id = r.worker
-             where j.study = ? and j.role = 'sample' and j.ordinal > ? and j.state in ('succeeded', 'infeasible')
-             order by j.ordinal limit ?",
+             where j.study = (select study from studies where study = ?1 and (?2 is null or id = ?2))
+               and j.role = 'sample' and j.ordinal > ?3 and j.state in ('succeeded', 'infeasible')
+             order by j.ordinal limit ?4",
         )
         .bind(study)
+        .bind(id.map(|id| id.0.as_bytes().to_vec()))
         .bind(after)
         .bind(limit)
         .fetch_all(self.readers())
         .await?;
         Ok(rows)
+    }
+
+    /// How many samples of a study have an answer.
+    pub(crate) async fn answered_samples(&self, study: i64) -> Result<u64, StoreError> {
+        let counts = self.sample_counts(study).await?;
+        Ok(counts.succeeded + counts.infeasible)
     }
 
     /// The next samples which have means after the one of this index, as the trainer sees them, and the
@@ -66,7 +82,7 @@ impl Store {
         study: i64,
         after: i64,
     ) -> Result<Option<(Vec<TrainSample>, i64)>, StoreError> {
-        let rows = self.samples_after(study, after, CHUNK).await?;
+        let rows = self.samples_after(study, None, after, CHUNK).await?;
         let Some(last) = rows.last().map(|row| row.ordinal) else { return Ok(None) };
         // Thousands of results are parsed: not on the threads which serve.
         let parsed = tokio::task::spawn_blocking(move || train_rows(rows)).await;

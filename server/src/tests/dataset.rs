@@ -1,16 +1,21 @@
 //! The dataset in its formats.
 
+use std::time::Duration;
+
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, Int64Type};
 use arrow_schema::DataType;
 use axum::body::Body;
 use axum::http::Request;
+use futures_util::StreamExt;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use serde_json::{Value, json};
+use tower::ServiceExt;
 
 use super::answers::{completion, infeasible, result, study};
 use super::bench::Bench;
+use crate::store::Prune;
 
 async fn flown(order_reversed: bool) -> (Bench, String) {
     let bench = Bench::open().await;
@@ -127,6 +132,54 @@ async fn a_table_says_what_the_text_says_with_units_and_provenance() {
     assert!(fact("study").is_some_and(|id| study.ends_with(&id)) && fact("model").is_some_and(|m| m.contains("uvlm")));
     assert_eq!((fact("seed").as_deref(), fact("rows").as_deref()), (Some("5"), Some("20")));
     assert_eq!(fact("dataset_blake3"), Some(blake3::hash(&csv).to_hex().to_string()));
+}
+
+/// A finished study of so many samples.
+async fn finished(samples: u32) -> (Bench, String) {
+    let bench = Bench::open_with(|config| config.keep = Some(Duration::from_secs(60))).await;
+    let path = bench.submit(&study(samples, &[])).await;
+    bench.work_off(&bench.worker("w").await).await;
+    assert_eq!(bench.view(&path).await["state"], "succeeded");
+    (bench, path)
+}
+
+/// Removes the finished study, its time being over.
+async fn remove(bench: &Bench) {
+    bench.pass(100.0).await;
+    assert!(bench.state.store().run(Prune).await.expect("removes"));
+}
+
+#[tokio::test]
+async fn a_dataset_whose_study_is_removed_meanwhile_breaks_off() {
+    for format in ["json", "ndjson", "csv", "parquet"] {
+        let (bench, path) = finished(1200).await;
+        let request = Request::get(format!("{path}/dataset?format={format}")).body(Body::empty());
+        let response = bench.router.clone().oneshot(request.expect("a request")).await.expect("answers");
+        assert_eq!(
+            (response.status().as_u16(), &response.headers()["manduca-rows"]),
+            (200, &"1200".parse().expect("a header"))
+        );
+        let mut body = response.into_body().into_data_stream();
+        if format != "parquet" {
+            // Of a table nothing is sent before its first row group is full.
+            assert!(body.next().await.is_some_and(|part| part.is_ok()), "{format}");
+        }
+        remove(&bench).await;
+        // Its number is given to the next study, whose rows are none of this dataset.
+        let next = bench.submit(&study(1500, &[])).await;
+        bench.work_off(&bench.worker("another").await).await;
+        assert_eq!(bench.view(&next).await["state"], "succeeded");
+        let parts: Vec<_> = body.collect().await;
+        assert!(parts.last().is_some_and(Result::is_err), "{format}: a dataset cut short looks whole");
+    }
+}
+
+#[tokio::test]
+async fn a_whole_dataset_has_the_rows_it_announces() {
+    let (bench, path) = finished(600).await;
+    let answer = bench.get(&format!("{path}/dataset?format=ndjson")).await;
+    let lines = answer.body.iter().filter(|byte| **byte == b'\n').count();
+    assert_eq!((answer.header("manduca-rows"), lines), ("600", 600));
 }
 
 #[tokio::test]
