@@ -9,7 +9,7 @@ use manduca_protocol::task::SurrogateMessage;
 use manduca_protocol::view::{JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView};
 use manduca_protocol::watch::Explanation;
 use manduca_protocol::who::WorkerView;
-use manduca_worker::http::{self, CallError, Http};
+use manduca_worker::http::{self, CallError, Http, StatusCode};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
@@ -114,7 +114,7 @@ impl Api {
     pub async fn model_so_far(&self, id: StudyId) -> Result<bool, CallError> {
         match http::send(self.http.get(&format!("/v1/studies/{id}/surrogate/model"))).await {
             Ok(_) => Ok(true),
-            Err(error) if error.status() == Some(404) => Ok(false),
+            Err(error) if error.is_problem("not-yet") => Ok(false),
             Err(error) => Err(error),
         }
     }
@@ -166,7 +166,7 @@ impl Api {
 
     /// Asks a worker to finish what it has and leave.
     pub async fn drain(&self, worker: WorkerId) -> Result<(), CallError> {
-        http::send(self.http.post(&format!("/v1/workers/{worker}/drain"))).await.map(drop)
+        http::send_expecting(self.http.post(&format!("/v1/workers/{worker}/drain")), StatusCode::ACCEPTED).await
     }
 
     /// Why a job is where it is.
@@ -176,13 +176,14 @@ impl Api {
 
     /// `pause`, `resume`, `cancel` or `retry-failed`.
     pub async fn act(&self, id: StudyId, action: &str) -> Result<(), CallError> {
-        http::send(self.http.post(&format!("/v1/studies/{id}/{action}"))).await.map(drop)
+        http::call::<Named>(self.http.post(&format!("/v1/studies/{id}/{action}"))).await.map(drop)
     }
 
     /// A part of a study, such as `dataset`, in a media type, as it comes.
     pub async fn part(&self, id: StudyId, part: &str, media_type: &str) -> Result<reqwest::Response, CallError> {
         let request = self.http.get(&format!("/v1/studies/{id}/{part}"));
-        http::send(request.header("accept", media_type).timeout(std::time::Duration::from_secs(3600))).await
+        let request = request.header("accept", media_type).timeout(std::time::Duration::from_secs(3600));
+        http::open(request, media_type).await
     }
 
     /// The study a person means by a whole id, the end of one, or `latest`.

@@ -30,6 +30,7 @@ use std::path::PathBuf;
 
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use manduca_server::Host;
+use manduca_worker::DRAIN_TIMEOUT;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -212,12 +213,17 @@ pub struct ServeArgs {
 /// `manduca worker`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A worker may come and go at any time. On Ctrl-C or SIGTERM it finishes its jobs, delivers
-them and leaves; a second signal makes it leave at once and its jobs are computed elsewhere.
+A worker may come and go at any time. On Ctrl-C or SIGTERM it finishes its jobs within
+--drain-timeout, delivers them and leaves; a second signal makes it leave at once and its
+jobs are computed elsewhere. It ends at most 15 s after that time, so a batch system's limit
+should be --max-runtime, --drain-timeout and 15 s.
+
+Exit codes: 0 it left as told; 1 it left without having been registered, or with results which
+it could not deliver; 2 the coordinator refuses it: another version, no valid token.
 
 Examples:
   manduca worker --coordinator http://10.0.0.5:8080 --token-file worker-token --slots 16
-  manduca worker --idle-exit 300 --max-runtime 14000     in a batch job of four hours")]
+  manduca worker --idle-exit 300 --max-runtime 14300     in a batch job of four hours")]
 pub struct WorkerArgs {
     #[command(flatten)]
     pub coordinator: Coordinator,
@@ -227,12 +233,22 @@ pub struct WorkerArgs {
     /// Name for people [default: the host's].
     #[arg(long)]
     pub name: Option<String>,
-    /// Leave after so many seconds without a job.
+    /// Leave after so many seconds without a job, whether the coordinator can be reached or not.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_IDLE_EXIT")]
     pub idle_exit: Option<f64>,
     /// After so many seconds finish what runs and leave, such as before a batch system's limit.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, env = "MANDUCA_MAX_RUNTIME")]
     pub max_runtime: Option<f64>,
+    /// How long a worker which is to leave may still compute and deliver. What runs then is given
+    /// back, a training with its last checkpoint, and computed elsewhere.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = DRAIN_TIMEOUT.as_secs_f64(),
+        value_parser = seconds,
+        env = "MANDUCA_DRAIN_TIMEOUT"
+    )]
+    pub drain_timeout: f64,
 }
 
 /// A lease: short ones would be lost to a busy machine, long ones leave dead workers' jobs lying.

@@ -47,11 +47,11 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
 /// What to do about an error which does not say so itself.
 fn advice(error: &anyhow::Error) -> Option<&'static str> {
     error.chain().find_map(|cause| match cause.downcast_ref::<CallError>()? {
+        error @ (CallError::Certificate { .. } | CallError::Foreign { .. }) => error.advice(),
         CallError::Unreachable { .. } => Some(
             "is a coordinator running there? `manduca serve` starts one; --coordinator URL or MANDUCA_COORDINATOR \
              names another",
         ),
-        CallError::Unreadable { .. } => Some("is this a coordinator's address, and of the same version?"),
         CallError::Refused(problem) => match problem.status {
             401 => Some("give a token by --token-file FILE or MANDUCA_TOKEN; `manduca token create` makes one there"),
             404 if problem.kind.ends_with("not-yet") => Some("`manduca study watch STUDY` follows it until there is"),
@@ -68,7 +68,8 @@ fn code(error: &anyhow::Error) -> u8 {
             cause.downcast_ref::<CallError>().and_then(CallError::status),
             Some(400 | 401 | 403 | 404 | 409 | 413 | 421 | 422)
         );
-        let by_worker = matches!(cause.downcast_ref::<WorkerError>(), Some(WorkerError::Settings(_)));
+        let by_worker =
+            matches!(cause.downcast_ref::<WorkerError>(), Some(WorkerError::Settings(_) | WorkerError::Refused(_)));
         by_coordinator || by_worker || cause.is::<Refused>()
     });
     if refused { REFUSED } else { FAILED }
@@ -92,6 +93,10 @@ mod tests {
         let nobody = anyhow::Error::from(nobody).context("while looking");
         assert_eq!(code(&nobody), FAILED);
         assert!(advice(&nobody).is_some_and(|a| a.contains("manduca serve")) && advice(&deep).is_none());
+        let foreign = CallError::Foreign { url: "http://x".into(), status: 404, what: "404 Not Found".into() };
+        let foreign = anyhow::Error::from(foreign);
+        assert!(code(&foreign) == FAILED && advice(&foreign).is_some_and(|a| a.contains("proxy")));
+        assert!(foreign.to_string().contains("not from a manduca coordinator"), "{foreign}");
         let pipe = anyhow::Error::from(io::Error::from(io::ErrorKind::BrokenPipe)).context("writing");
         assert!(is_broken_pipe(&pipe) && !is_broken_pipe(&deep));
     }

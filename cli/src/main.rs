@@ -5,6 +5,7 @@ mod args;
 mod commands;
 mod cost;
 mod exit;
+mod files;
 mod follow;
 mod logging;
 mod output;
@@ -13,6 +14,7 @@ mod render;
 mod signals;
 mod study_file;
 mod token;
+mod whole;
 
 use std::process::ExitCode;
 use std::time::Duration;

@@ -97,6 +97,16 @@ impl Coordinator {
         self.process.kill();
     }
 
+    /// Stops it where it is (SIGSTOP), as a paused container is.
+    pub fn pause(&self) {
+        self.process.stop();
+    }
+
+    /// Lets it go on (SIGCONT).
+    pub fn resume(&self) {
+        self.process.resume();
+    }
+
     /// Starts it again on the same port and database.
     pub fn restart(&mut self) {
         assert!(self.try_restart(), "the coordinator does not start again: {}", self.process.said());

@@ -1,4 +1,5 @@
-//! A network between workers and a coordinator which loses, repeats and delays, and can be cut.
+//! A network between workers and a coordinator which loses, repeats and delays, can be cut, and can
+//! answer in the coordinator's place.
 //!
 //! It passes on one request per connection, as a whole, so that what it does to a connection it does
 //! to a call.
@@ -32,6 +33,39 @@ pub struct Weather {
     pub delay: Duration,
 }
 
+impl Weather {
+    /// Nothing happens by itself.
+    pub const CALM: Self = Self { lost: 0, repeated: 0, delayed: 0, delay: Duration::ZERO };
+}
+
+/// Answers of proxies, portals and other services, each with a name for it.
+pub fn strangers() -> Vec<(&'static str, Vec<u8>)> {
+    let page = |status: &str, more: &str, of: &str, body: &str| {
+        let length = body.len();
+        format!("HTTP/1.1 {status}\r\n{more}content-type: {of}\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n{body}")
+            .into_bytes()
+    };
+    let html = |status: &str, more: &str| page(status, more, "text/html", &format!("<h1>{status}</h1>"));
+    let theirs = r#"{"type":"about:blank","title":"Not Found","status":404,"detail":"no such upstream"}"#;
+    let mut cut = page("200 OK", "", "application/json", r#"{"accepted":[1,2,3],"rejected":[]}"#);
+    cut.truncate(cut.len() - 12);
+    vec![
+        ("404", html("404 Not Found", "")),
+        ("401", html("401 Unauthorized", "www-authenticate: Basic realm=\"proxy\"\r\n")),
+        ("403", html("403 Forbidden", "")),
+        ("410", html("410 Gone", "")),
+        ("400", html("400 Bad Request", "")),
+        ("422", page("422 Unprocessable Content", "", "application/json", r#"{"detail":[]}"#)),
+        ("502", html("502 Bad Gateway", "")),
+        ("302", html("302 Found", "location: http://127.0.0.1:9/login\r\n")),
+        ("a page", html("200 OK", "")),
+        ("JSON of another service", page("200 OK", "", "application/json", r#"{"ok":true}"#)),
+        ("a problem of another service", page("404 Not Found", "", "application/problem+json", theirs)),
+        ("half an answer", cut),
+        ("nothing", Vec::new()),
+    ]
+}
+
 /// What was done so far.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Done {
@@ -51,6 +85,9 @@ struct Line {
     weather: Weather,
     chance: Mutex<Chance>,
     cut: AtomicBool,
+    /// What is answered in the coordinator's place.
+    stranger: Mutex<Option<Vec<u8>>>,
+    intercepted: AtomicU64,
     closed: AtomicBool,
     calls: AtomicU64,
     lost: AtomicU64,
@@ -76,6 +113,8 @@ impl Proxy {
             weather,
             chance: Mutex::new(Chance::new(seed)),
             cut: AtomicBool::new(false),
+            stranger: Mutex::new(None),
+            intercepted: AtomicU64::new(0),
             closed: AtomicBool::new(false),
             calls: AtomicU64::new(0),
             lost: AtomicU64::new(0),
@@ -104,6 +143,17 @@ impl Proxy {
     /// Lets no byte through, in either direction, until it is told otherwise.
     pub fn cut(&self, cut: bool) {
         self.line.cut.store(cut, Ordering::SeqCst);
+    }
+
+    /// Answers every call itself, with these bytes, until it is told otherwise. Every other call is passed
+    /// on first, and its answer dropped.
+    pub fn answer(&self, bytes: Option<Vec<u8>>) {
+        *self.line.stranger.lock().expect("no holder panics") = bytes;
+    }
+
+    /// Calls which it has answered itself.
+    pub fn intercepted(&self) -> u64 {
+        self.line.intercepted.load(Ordering::SeqCst)
     }
 
     /// What it has done.
@@ -163,11 +213,23 @@ impl Line {
             // Nobody is told what the copy is answered.
             thread::spawn(move || answer(&upstream, &copy));
         }
+        let stranger = self.stranger.lock().expect("no holder panics").clone();
+        if let Some(bytes) = stranger {
+            if self.intercepted.fetch_add(1, Ordering::SeqCst) % 2 == 1 && !waits(&request) {
+                answer(&self.upstream, &request)?;
+            }
+            return client.write_all(&bytes);
+        }
         let answer = answer(&self.upstream, &request)?;
         thread::sleep(fate.after);
         self.wait_while_cut();
         if fate.lost { Ok(()) } else { client.write_all(&answer) }
     }
+}
+
+/// Whether a request asks for work and may be held: its answer might bring jobs which nobody hears of.
+fn waits(request: &[u8]) -> bool {
+    !String::from_utf8_lossy(request).contains("\"wait_s\":0.0")
 }
 
 /// What the coordinator says, to the last byte.

@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use rcgen::{CertifiedKey, generate_simple_self_signed};
+use rcgen::{CertificateParams, KeyPair, date_time_ymd};
 use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::Runtime;
@@ -29,8 +29,22 @@ impl TlsProxy {
     /// # Panics
     /// Where no certificate can be made or no port be had.
     pub fn before(upstream: &str) -> Self {
-        let CertifiedKey { cert, signing_key } =
-            generate_simple_self_signed(["localhost".to_owned()]).expect("a certificate");
+        Self::with(upstream, |_| {})
+    }
+
+    /// [`TlsProxy::before`] with a certificate which has expired.
+    ///
+    /// # Panics
+    /// As [`TlsProxy::before`].
+    pub fn expired_before(upstream: &str) -> Self {
+        Self::with(upstream, |certificate| certificate.not_after = date_time_ymd(2020, 1, 1))
+    }
+
+    fn with(upstream: &str, change: impl FnOnce(&mut CertificateParams)) -> Self {
+        let mut parameters = CertificateParams::new(["localhost".to_owned()]).expect("a name");
+        change(&mut parameters);
+        let signing_key = KeyPair::generate().expect("a key");
+        let cert = parameters.self_signed(&signing_key).expect("a certificate");
         let key = PrivateKeyDer::try_from(signing_key.serialize_der()).expect("a key");
         let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
             .with_safe_default_protocol_versions()

@@ -19,6 +19,10 @@ mod faults;
 // The life of a study over HTTP, from submission to answer.
 #[path = "all/life.rs"]
 mod life;
+// Limits of the system and of time: open files, idle workers, answers cut short.
+#[cfg(target_os = "linux")]
+#[path = "all/limits.rs"]
+mod limits;
 // Everything a client can get wrong, and how it is told.
 #[path = "all/refusals.rs"]
 mod refusals;

@@ -34,7 +34,7 @@ A study is named by its id, by the end of its id as far as it is the only one, o
 | `MANDUCA_COORDINATOR` | address of the coordinator, for `--coordinator` |
 | `MANDUCA_TOKEN`, `MANDUCA_TOKEN_FILE` | the token it asks for; a file which has it |
 | `MANDUCA_DATA`, `MANDUCA_LISTEN`, `MANDUCA_ALLOW_HOST`, `MANDUCA_KEEP_DAYS` | of `serve` and `run` |
-| `MANDUCA_SLOTS`, `MANDUCA_IDLE_EXIT`, `MANDUCA_MAX_RUNTIME` | of `worker` |
+| `MANDUCA_SLOTS`, `MANDUCA_IDLE_EXIT`, `MANDUCA_MAX_RUNTIME`, `MANDUCA_DRAIN_TIMEOUT` | of `worker` |
 | `MANDUCA_LOG`, `RUST_LOG`, `MANDUCA_LOG_FORMAT` | which log lines, such as `info,sqlx=warn`; `text` or `json` |
 | `NO_COLOR` | not empty: no colours on a terminal |
 

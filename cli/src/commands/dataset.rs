@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use crate::args::{DatasetArgs, DatasetFormat, SurrogateArgs, SurrogateFormat};
 use crate::exit::refused;
 use crate::output::{Output, note};
+use crate::whole::Whole;
 
 /// Writes a dataset as it arrives, so that its size does not matter.
 pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
@@ -23,12 +24,14 @@ pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
         DatasetFormat::Parquet => "application/vnd.apache.parquet",
     };
     let part = if args.provenance { "dataset?provenance=true" } else { "dataset" };
-    save(api.part(id, part, media_type).await?, args.output.as_deref()).await?;
+    let response = api.part(id, part, media_type).await?;
+    let whole = Whole::of(format, &response);
+    save(response, args.output.as_deref(), Some(whole)).await?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes an answer as it arrives into a file, or to standard output.
-pub async fn save(mut response: reqwest::Response, path: Option<&Path>) -> Result<()> {
+/// Writes an answer as it arrives into a file, or to standard output; fails where it does not come whole.
+pub async fn save(mut response: reqwest::Response, path: Option<&Path>, mut whole: Option<Whole>) -> Result<()> {
     let mut stdout;
     let mut file;
     let out: &mut dyn Write = match path {
@@ -43,8 +46,12 @@ pub async fn save(mut response: reqwest::Response, path: Option<&Path>) -> Resul
     };
     while let Some(chunk) = response.chunk().await.context("the answer broke off")? {
         out.write_all(&chunk)?;
+        if let Some(whole) = &mut whole {
+            whole.take(&chunk);
+        }
     }
     out.flush()?;
+    whole.as_ref().map_or(Ok(()), Whole::check)?;
     if let Some(path) = path {
         note(format_args!("wrote {}", path.display()));
     }
@@ -65,7 +72,7 @@ pub async fn model(args: SurrogateArgs) -> Result<ExitCode> {
     binary(format == SurrogateFormat::Onnx, output, "net.onnx")?;
     let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
-    save(api.part(id, "surrogate/model", media_type).await?, output).await?;
+    save(api.part(id, "surrogate/model", media_type).await?, output, None).await?;
     Ok(ExitCode::SUCCESS)
 }
 

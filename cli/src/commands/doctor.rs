@@ -178,7 +178,10 @@ async fn coordinator(args: &DoctorArgs) -> Vec<Finding> {
         Err(error @ http::CallError::Unreachable { .. }) => {
             return vec![finding("coordinator", Verdict::Note, format!("{error}"))];
         }
-        Err(error) => return vec![finding("coordinator", Verdict::Wrong, format!("it is not ready: {error}"))],
+        Err(error) => {
+            let advice = error.advice().map(|advice| format!(": {advice}")).unwrap_or_default();
+            return vec![finding("coordinator", Verdict::Wrong, format!("it is not ready: {error}{advice}"))];
+        }
     };
     let mut findings = Vec::new();
     let date = answer.headers().get("date").and_then(|v| v.to_str().ok()).map(str::to_owned);

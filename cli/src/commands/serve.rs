@@ -7,13 +7,15 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use manduca_server::{Access, Config, Host, Hosts, Secret};
+use manduca_worker::http::{self, Http};
+use serde::Deserialize;
 use tokio::net::{TcpListener, lookup_host};
 
 use super::host;
 use crate::args::{HealthcheckArgs, ServeArgs};
 use crate::exit::refused;
 use crate::output::note;
-use crate::{signals, token};
+use crate::{files, signals, token};
 
 /// Name of the database in its folder.
 pub const DATABASE: &str = "manduca.db";
@@ -37,11 +39,10 @@ pub async fn serve(args: ServeArgs) -> Result<ExitCode> {
     config.access = access(&args, reachable).await?;
     config.hosts = hosts(&args, reachable);
     config.run_limits.simulate = Duration::from_secs_f64(args.run_limit);
-    config.lease = Duration::from_secs_f64(args.lease);
-    config.renew = config.lease / 3;
+    config.set_lease(Duration::from_secs_f64(args.lease));
     config.max_attempts = args.max_attempts;
     config.keep = args.keep_days.map(|days| Duration::from_secs_f64(days * 86_400.0));
-    config.connections = connections(config.connections);
+    config.connections = files::connections(config.connections);
     let listener =
         TcpListener::bind(&addresses[..]).await.with_context(|| format!("cannot listen on {}", args.listen))?;
     note(format_args!("listening on http://{}, database {}", listener.local_addr()?, config.database.display()));
@@ -92,19 +93,16 @@ fn hosts(args: &ServeArgs, reachable: bool) -> Hosts {
     if reachable { Hosts::new(named.chain(host::name().parse().ok())).with_addresses() } else { Hosts::new(named) }
 }
 
-/// As many connections as wanted, or as the system lets this process have open.
-fn connections(wanted: usize) -> usize {
-    // Files of the database, the listener, logs.
-    const OTHERS: u64 = 64;
-    match rlimit::increase_nofile_limit(wanted as u64 + OTHERS) {
-        Ok(files) => usize::try_from(files.saturating_sub(OTHERS)).unwrap_or(wanted).clamp(16, wanted),
-        Err(_) => wanted,
-    }
+/// The part of a coordinator's health by which it is known.
+#[derive(Deserialize)]
+struct Health {
+    #[serde(rename = "solver_version")]
+    _solver_version: String,
 }
 
 /// Whether a coordinator is well.
 pub async fn healthcheck(args: HealthcheckArgs) -> Result<ExitCode> {
-    let http = manduca_worker::http::Http::new(&args.url).map_err(refused)?;
-    manduca_worker::http::send(http.get("").timeout(HEALTHY_WITHIN)).await?;
+    let http = Http::new(&args.url).map_err(refused)?;
+    http::call::<Health>(http.get("").timeout(HEALTHY_WITHIN)).await?;
     Ok(ExitCode::SUCCESS)
 }

@@ -55,9 +55,10 @@ def says(status: int, body: Any, content_type: str = "application/json", **heade
     return answer
 
 
-def breaks_off(*chunks: str) -> Answer:
+def breaks_off(content_type: str, *chunks: str) -> Answer:
     def answer(handler: BaseHTTPRequestHandler) -> None:
         handler.send_response(200)
+        handler.send_header("content-type", content_type)
         handler.send_header("transfer-encoding", "chunked")
         handler.end_headers()
         for chunk in chunks:
@@ -95,7 +96,7 @@ def test_the_token_is_sent_and_not_shown(fake: Fake, monkeypatch: pytest.MonkeyP
 
 def test_redirections_are_not_followed(fake: Fake) -> None:
     fake.answers = [says(302, "", location=f"{fake.url}/elsewhere")]
-    with pytest.raises(manduca.ProblemError) as refused:
+    with pytest.raises(manduca.ForeignAnswerError, match="elsewhere, which is not followed") as refused:
         manduca.Client(fake.url, token="secret").workers()
     assert refused.value.problem.status == 302
     assert len(fake.asked) == 1
@@ -110,16 +111,30 @@ def test_what_passes_is_tried_again(fake: Fake) -> None:
         manduca.Client(fake.url).workers()
 
 
-def test_refusals_of_others_are_read_too(fake: Fake) -> None:
-    fake.answers = [says(401, "<html>", "text/html")]
-    with pytest.raises(manduca.ProblemError, match="MANDUCA_TOKEN") as refused:
+def test_answers_of_others_say_so(fake: Fake) -> None:
+    problem = {"type": "urn:manduca:problem:unknown-study", "title": "t", "status": 404, "detail": "d"}
+    for answer in (
+        says(401, "<html>", "text/html"),
+        says(404, "<html>", "text/html"),
+        says(404, {"type": "about:blank", "title": "Not Found", "status": 404}, "application/problem+json"),
+        says(404, problem, "text/html"),
+        says(410, problem, "application/problem+json"),
+        says(400, "", "application/json"),
+        says(200, "<html>", "text/html"),
+        says(200, "", "application/json"),
+    ):
+        fake.answers = [answer]
+        with pytest.raises(manduca.ForeignAnswerError, match="not from a manduca coordinator") as refused:
+            manduca.Client(fake.url).workers()
+        assert refused.value.problem.type == "about:blank"
+        assert refused.value.passing
+    fake.answers = [says(404, problem, "application/problem+json")]
+    with pytest.raises(manduca.ProblemError, match=r"client\.studies") as definite:
         manduca.Client(fake.url).workers()
-    assert refused.value.problem.type == "about:blank"
-    fake.answers = [says(400, {"errors": [3, {"pointer": "/a"}]}, "application/problem+json")]
+    assert not definite.value.passing
+    faults = problem | {"type": "urn:manduca:problem:x", "errors": [3, {"pointer": "/a"}]}
+    fake.answers = [says(404, faults, "application/problem+json")]
     with pytest.raises(manduca.ProblemError, match="/a"):
-        manduca.Client(fake.url).workers()
-    fake.answers = [says(200, "<html>", "text/html")]
-    with pytest.raises(manduca.UnreachableError, match="JSON"):
         manduca.Client(fake.url).workers()
 
 
@@ -142,27 +157,57 @@ def test_waiting_outlives_a_restart_and_misses_workers(
     said = capsys.readouterr().err.splitlines()
     assert said[:2] == [f"no worker is connected: manduca worker --coordinator {fake.url}", "sampling   0/9"]
     assert len(fake.asked) == 10
-    fake.answers = [says(200, view), says(404, {})]
-    with pytest.raises(manduca.ProblemError):
+    gone = {"type": "urn:manduca:problem:unknown-study", "title": "t", "status": 404, "detail": "d"}
+    strangers = [
+        says(404, "<html>", "text/html"),
+        says(302, "", location="/login"),
+        says(200, "", "text/html"),
+    ]
+    fake.answers = [
+        says(200, view),
+        says(200, view),
+        says(200, []),
+        *strangers,
+        says(404, gone, "application/problem+json"),
+    ]
+    with pytest.raises(manduca.ProblemError, match="unknown-study"):
         manduca.Client(fake.url).study("x").wait(poll_s=0.0)
 
 
 HEADER = "sample,outcome,reason,solver_version\r\n"
 
 
-@pytest.mark.parametrize("take", ["dataset", "dataset_arrow"])
-def test_a_table_which_breaks_off_is_no_table(fake: Fake, take: str) -> None:
-    fake.answers = [says(200, {"id": "x"}), breaks_off(HEADER, "0,ok,,4\r\n")]
+@pytest.mark.parametrize(
+    ("take", "of"), [("dataset", "text/csv"), ("dataset_arrow", "application/vnd.apache.parquet")]
+)
+def test_a_table_which_breaks_off_is_no_table(fake: Fake, take: str, of: str) -> None:
+    fake.answers = [says(200, {"id": "x"}), breaks_off(of, HEADER, "0,ok,,4\r\n")]
     study = manduca.Client(fake.url).study("x")
     with pytest.raises(manduca.UnreachableError, match="broke off"):
         getattr(study, take)()
 
 
 def test_rows_which_break_off_say_so(fake: Fake) -> None:
-    fake.answers = [says(200, {"id": "x"}), breaks_off('{"sample": 0}\n{"sam')]
+    fake.answers = [says(200, {"id": "x"}), breaks_off("application/x-ndjson", '{"sample": 0}\n{"sam')]
     rows = manduca.Client(fake.url).study("x").rows()
     with pytest.raises(manduca.UnreachableError, match="broke off"):
         list(rows)
+
+
+def test_a_table_with_fewer_rows_than_announced_is_no_table(fake: Fake) -> None:
+    fake.answers = [says(200, {"id": "x"}), says(200, HEADER + "0,ok,,4\r\n", "text/csv", manduca_rows="2")]
+    with pytest.raises(manduca.UnreachableError, match="1 of 2 rows"):
+        manduca.Client(fake.url).study("x").dataset()
+    line = '{"sample": 0}\n'
+    fake.answers = [
+        says(200, {"id": "x"}),
+        says(200, line + '{"sam', "application/x-ndjson", manduca_rows="2"),
+    ]
+    with pytest.raises(manduca.UnreachableError, match="1 of 2 rows"):
+        list(manduca.Client(fake.url).study("x").rows())
+    fake.answers = [says(200, {"id": "x"}), says(200, "<html>", "text/html")]
+    with pytest.raises(manduca.ForeignAnswerError, match="text/html in place of text/csv"):
+        manduca.Client(fake.url).study("x").dataset()
 
 
 def test_a_stroke_which_cannot_be_flown_has_no_means(fake: Fake) -> None:

@@ -8,6 +8,10 @@
 mod clients;
 #[path = "faults/network.rs"]
 mod network;
+#[path = "faults/pauses.rs"]
+mod pauses;
+#[path = "faults/strangers.rs"]
+mod strangers;
 #[path = "faults/workers.rs"]
 mod workers;
 

@@ -99,3 +99,59 @@ fn without_tokens_a_coordinator_answers_under_its_own_names() {
         );
     }
 }
+
+/// A command on a machine without certificates.
+fn without_certificates(arguments: &[&str]) -> Command {
+    let mut command = manduca(arguments);
+    command.env("SSL_CERT_FILE", "nowhere/none.pem").env("SSL_CERT_DIR", "nowhere");
+    command
+}
+
+#[test]
+fn plain_http_needs_no_certificates_and_https_says_that_it_does() {
+    let coordinator = Coordinator::start();
+    let url = coordinator.url();
+    let health = format!("{url}/healthz");
+    for arguments in [&["healthcheck", "--url", &health][..], &["study", "list", "--coordinator", &url]] {
+        let output = without_certificates(arguments).output().unwrap();
+        assert!(output.status.success(), "{arguments:?}: {}", said(&output));
+    }
+    let worker = without_certificates(&["worker", "--coordinator", &url, "--slots", "1", "--name", "bare"]);
+    let _worker = Process::start(worker, coordinator.folder(), "bare");
+    wait_for("a worker without certificates", || coordinator.worker_view("bare"));
+    let output = without_certificates(&["study", "list", "--coordinator", "https://localhost:1"]).output().unwrap();
+    let words = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(words.contains("ca-certificates") && words.contains("SSL_CERT_FILE"), "{words}");
+}
+
+#[test]
+fn a_certificate_which_is_not_accepted_says_why_and_what_to_do() {
+    let coordinator = Coordinator::start();
+    let folder = coordinator.folder();
+    let (proxy, expired) = (TlsProxy::before(coordinator.address()), TlsProxy::expired_before(coordinator.address()));
+    let (good, old) =
+        (proxy.write_certificate(folder.join("good.pem")), expired.write_certificate(folder.join("old.pem")));
+    let other = proxy.url().replace("localhost", "127.0.0.1");
+    for (certificate, url, why, advice) in [
+        (&old, proxy.url(), "no authority", "SSL_CERT_FILE"),
+        (&good, other, "it is for ", "use a name"),
+        (&old, expired.url(), "has expired", "renewed"),
+    ] {
+        let output = trusting(certificate, "", &["study", "list", "--coordinator", &url]).output().unwrap();
+        let words = said(&output);
+        assert_eq!(output.status.code(), Some(1), "{words}");
+        assert!(words.contains("is not accepted") && words.contains(why) && words.contains(advice), "{words}");
+        assert!(!words.contains("is a coordinator running there"), "{words}");
+    }
+    // A worker waits for a certificate it accepts, says so, and still leaves when its time is over.
+    let arguments = ["worker", "--coordinator", &proxy.url(), "--slots", "1", "--idle-exit", "1"];
+    let output = trusting(&old, "", &arguments).output().unwrap();
+    let words = said(&output);
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(words.contains("SSL_CERT_FILE") && words.contains("without having been registered"), "{words}");
+    // What answers in plain text is no TLS, and the other way round.
+    let tls = coordinator.url().replace("http://", "https://");
+    let output = trusting(&good, "", &["study", "list", "--coordinator", &tls]).output().unwrap();
+    assert!(said(&output).contains("does not speak TLS"), "{}", said(&output));
+}

@@ -13,6 +13,7 @@ a unit the scaled lift L+, drag D+, pitch_moment M+ and power P+.
 from manduca.client import Client
 from manduca.errors import (
     FieldFault,
+    ForeignAnswerError,
     ManducaError,
     NotYetError,
     Problem,
@@ -31,6 +32,7 @@ __all__ = [
     "PARAMETERS",
     "Client",
     "FieldFault",
+    "ForeignAnswerError",
     "ManducaError",
     "NotYetError",
     "Optimum",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import ssl
 import time
 from contextlib import contextmanager
 from http.client import HTTPException, HTTPResponse
@@ -16,14 +17,14 @@ from urllib.error import HTTPError, URLError
 from urllib.parse import urlencode, urlsplit
 from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
 
-from manduca.errors import PASSING, Problem, ProblemError, UnreachableError
+from manduca.errors import PASSING, URN, ForeignAnswerError, Problem, ProblemError, UnreachableError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from contextlib import AbstractContextManager
 
 _PAUSES_S = (0.2, 0.5, 1.0)
 _LONGEST_PAUSE_S = 10.0
+_SHOWN = 120
 
 
 class _StayHere(HTTPRedirectHandler):
@@ -55,18 +56,22 @@ class Transport:
         try:
             return json.loads(text)
         except ValueError as error:
-            raise UnreachableError(
-                f"{self.url}{path} does not answer in JSON\n  -> is this a coordinator's address?"
-            ) from error
+            said = f"{answer.reason}, no JSON: {_plain_text(text)}"
+            raise ForeignAnswerError(self.url + path, answer.status, said) from error
 
     def get(self, path: str, **query: Any) -> Any:
         """Read JSON; arguments which are None are left out."""
         given = {name: value for name, value in query.items() if value is not None}
         return self.call("GET", f"{path}?{urlencode(given)}" if given else path)
 
-    def stream(self, path: str, media_type: str) -> AbstractContextManager[HTTPResponse]:
+    @contextmanager
+    def stream(self, path: str, media_type: str) -> Iterator[HTTPResponse]:
         """Open an answer which may be larger than memory, to be read piece by piece."""
-        return self._answer("GET", path, None, {"accept": media_type})
+        with self._answer("GET", path, None, {"accept": media_type}) as answer:
+            if answer.headers.get_content_type() != media_type:
+                said = f"{answer.reason}, {answer.headers.get_content_type()} in place of {media_type}"
+                raise ForeignAnswerError(self.url + path, answer.status, said)
+            yield answer
 
     @contextmanager
     def _answer(
@@ -93,7 +98,7 @@ class Transport:
             except HTTPError as error:
                 with error:
                     if error.code not in PASSING or pause_s is None:
-                        _refuse(error)
+                        _refuse(error, request.full_url)
                     time.sleep(max(pause_s, _asked_to_wait_s(error)))
             except (URLError, HTTPException, OSError) as error:
                 if pause_s is None:
@@ -105,20 +110,42 @@ class Transport:
 
     def _nobody(self, error: Exception) -> str:
         why = error.reason if isinstance(error, URLError) else error
+        if isinstance(why, ssl.SSLCertVerificationError):
+            advice = (
+                "name the PEM file of its authority, or its own, in SSL_CERT_FILE; use a name it is made for"
+            )
+            return f"the certificate of {self.url} is not accepted: {why.verify_message}\n  -> {advice}"
         advice = "start one with `manduca serve`, or give its address"
         return f"no coordinator answers at {self.url}: {why}\n  -> {advice}"
 
 
-def _refuse(error: HTTPError) -> NoReturn:
+def _refuse(error: HTTPError, url: str) -> NoReturn:
+    """Raise the coordinator's refusal, or say that it is none."""
+    try:
+        text = error.read()
+    except (HTTPException, OSError):
+        text = b""
     document: Any = None
     if "json" in error.headers.get("content-type", ""):
         try:
-            document = json.loads(error.read())
-        except (ValueError, HTTPException, OSError):
+            document = json.loads(text)
+        except ValueError:
             document = None
-    if not isinstance(document, dict):
-        document = {"title": error.reason}
-    raise ProblemError.of(Problem.read(document, error.code)) from None
+    if isinstance(document, dict) and _is_a_coordinators(document, error.code):
+        raise ProblemError.of(Problem.read(document, error.code)) from None
+    to = error.headers.get("location", "")
+    said = f"to {to}, which is not followed: a token is for one address" if to else _plain_text(text)
+    raise ForeignAnswerError(url, error.code, f"{error.reason}: {said}" if said else error.reason) from None
+
+
+def _is_a_coordinators(document: Mapping[str, Any], status: int) -> bool:
+    return str(document.get("type", "")).startswith(URN) and document.get("status", status) == status
+
+
+def _plain_text(text: bytes) -> str:
+    """Put the beginning of a stranger's text into one line a terminal can show."""
+    words = "".join(c if c.isprintable() else " " for c in text.decode("utf-8", "replace")).split()
+    return " ".join(words)[:_SHOWN]
 
 
 def _asked_to_wait_s(error: HTTPError) -> float:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import IO, TYPE_CHECKING, Any
 
+from manduca.errors import UnreachableError
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from http.client import HTTPResponse
 
     import pandas as pd
     import pyarrow as pa
@@ -37,6 +40,17 @@ def table(source: IO[bytes]) -> pa.Table:
     file = parquet.ParquetFile(pa.BufferReader(source.read()))
     facts = {key: value for key, value in file.metadata.metadata.items() if key != b"ARROW:schema"}
     return file.read().replace_schema_metadata(facts)
+
+
+def check_rows(answer: HTTPResponse, rows: int) -> None:
+    """Raise where fewer rows came than the coordinator announced.
+
+    A connection that breaks off is an error by itself, but a proxy on the way may end a broken answer
+    as if it were whole.
+    """
+    announced = answer.headers.get("manduca-rows", "")
+    if announced.isdecimal() and rows < int(announced):
+        raise UnreachableError(f"the dataset broke off: {rows} of {announced} rows came\n  -> ask again")
 
 
 def like(points: pd.DataFrame, rows: Sequence[Any], columns: Sequence[str]) -> pd.DataFrame:

@@ -55,7 +55,7 @@ class FieldFault:
 class Problem:
     """A refusal as the coordinator words it (RFC 9457).
 
-    Answers from something in between, such as a proxy, have the type `about:blank`.
+    An answer of something in between, such as a proxy, is a `ForeignAnswerError`, of the type `about:blank`.
     """
 
     type: str
@@ -131,6 +131,27 @@ class UnreachableError(ManducaError):
     @property
     def passing(self) -> bool:
         """A coordinator may be restarted meanwhile."""
+        return True
+
+
+class ForeignAnswerError(ProblemError, UnreachableError):
+    """Something else than a coordinator answered: a proxy, a login page, another service.
+
+    `problem` is of the type `about:blank` and has the status. What a stranger says is nothing about
+    the call, so it may be made again.
+    """
+
+    def __init__(self, url: str, status: int, said: str) -> None:
+        """Say who answered what."""
+        super().__init__(Problem("about:blank", said, status, ""))
+        self.args = (
+            f"the answer of {url} is not from a manduca coordinator: {status} {said}"
+            "\n  -> is this a coordinator's address? a proxy or a login page on the way may have answered",
+        )
+
+    @property
+    def passing(self) -> bool:
+        """The coordinator itself may answer a little later."""
         return True
 
 

@@ -146,7 +146,9 @@ class Study:
     def dataset(self) -> pd.DataFrame:
         """Take the samples so far as a table, units in the column names. Needs pandas."""
         with self._transport.stream(f"{self._path}/dataset", "text/csv") as answer:
-            return dataset.frame(answer)
+            frame = dataset.frame(answer)
+            dataset.check_rows(answer, len(frame))
+            return frame
 
     def dataset_arrow(self) -> pa.Table:
         """Take the samples so far as an Arrow table. Needs pyarrow.
@@ -155,13 +157,20 @@ class Study:
         solver's version in `table.schema.metadata`.
         """
         with self._transport.stream(f"{self._path}/dataset", "application/vnd.apache.parquet") as answer:
-            return dataset.table(answer)
+            table = dataset.table(answer)
+            dataset.check_rows(answer, table.num_rows)
+            return table
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Take the samples one by one, however many there are, with power per joint."""
         with self._transport.stream(f"{self._path}/dataset", "application/x-ndjson") as answer:
+            count = 0
             for line in io.TextIOWrapper(answer, encoding="utf-8"):
+                if not line.endswith("\n"):
+                    break  # cut in its middle
                 yield json.loads(line)
+                count += 1
+            dataset.check_rows(answer, count)
 
     def surrogate(self) -> SurrogateView:
         """Tell the training curve, also while it trains, and the errors of the network."""
