@@ -109,24 +109,25 @@ impl Outbox {
         }
         delivered.untold = untold.len();
         if batch > 0 {
-            self.trust();
+            (self.batch, self.refusals) = ((2 * self.batch).min(MAX_BATCH), 0);
         }
         untold.into_iter().rev().for_each(|report| self.waiting.push_front(report));
         delivered
     }
 
-    /// The coordinator will not even read the batch. Sent one by one, the culprit shows: a result which
-    /// is refused again and again becomes a failure, which is plain text, and a failure is dropped.
+    /// The coordinator will not even read the batch. In ever smaller batches the culprit shows, if it was
+    /// not just the size: a result which is refused again and again becomes a failure, which is plain
+    /// text, and a failure is dropped.
     pub(crate) fn refused(&mut self, batch: usize, why: &str) {
         if batch == 0 {
             return;
         }
         self.refusals = if batch == 1 { self.refusals + 1 } else { 0 };
-        self.batch = 1;
+        self.batch = (batch / 2).max(1);
         if self.refusals < TRIES {
             return;
         }
-        self.trust();
+        (self.batch, self.refusals) = (MAX_BATCH, 0);
         match self.waiting.pop_front() {
             Some(Report::Complete(Completion { job, attempt, .. })) => {
                 error!(%job, attempt, why, "result lost: the coordinator cannot read it");
@@ -139,10 +140,6 @@ impl Outbox {
             }
             None => {}
         }
-    }
-
-    fn trust(&mut self) {
-        (self.batch, self.refusals) = (MAX_BATCH, 0);
     }
 }
 
