@@ -7,7 +7,7 @@ use manduca_protocol::network;
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::task::SurrogateMessage;
 use manduca_protocol::view::{JobView, OptimumView, Page, StudyResult, StudySummary, StudyView, SurrogateView};
-use manduca_protocol::watch::Explanation;
+use manduca_protocol::watch::{Explanation, ScalingView};
 use manduca_protocol::who::WorkerView;
 use manduca_worker::http::{self, CallError, Http, StatusCode};
 use serde::Deserialize;
@@ -162,6 +162,16 @@ impl Api {
         all.retain(meant);
         all.sort_by(|a, b| (&a.name, a.id).cmp(&(&b.name, b.id)));
         Ok(all)
+    }
+
+    /// How much there is to do, and for how many slots.
+    pub async fn scaling(&self) -> Result<ScalingView, CallError> {
+        http::call(self.http.get("/v1/scaling")).await
+    }
+
+    /// The coordinator's address.
+    pub fn address(&self) -> &str {
+        self.http.base()
     }
 
     /// Asks a worker to finish what it has and leave.

@@ -10,6 +10,7 @@ mod record;
 mod report;
 mod solver;
 mod token;
+mod variables;
 
 pub use analyse::{AnalyseCommand, FrontArgs, PopulationArgs, SobolArgs, SubjectArgs, SweepArgs, WeightChoice};
 pub use bench::{
@@ -25,6 +26,7 @@ pub use record::RecordArgs;
 pub use report::{FiveArgs, ReportArgs, ReportCommand, ReproductionArgs};
 pub use solver::SolverOptions;
 pub use token::{CreateTokenArgs, RevokeTokenArgs, TokenCommand, TokenListArgs};
+pub use variables::parse;
 
 use std::path::PathBuf;
 
@@ -374,7 +376,7 @@ pub struct SimulateArgs {
     /// Stroke to start from: reference, optimum-1, optimum-2, five-direct, five-ann, or all of them.
     #[arg(long, default_value = "reference", value_parser = model::case_names())]
     pub case: String,
-    /// Change one of the ten parameters.
+    /// Change one of the ten parameters, by its name or its symbol, such as f or beta.
     #[arg(long, value_name = "NAME=VALUE", value_parser = model::assignment)]
     pub set: Vec<(String, f64)>,
     #[command(flatten)]

@@ -1,6 +1,6 @@
 //! Watching a study to its end.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use manduca_protocol::ids::StudyId;
@@ -9,6 +9,8 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::Api;
 use crate::progress::{Meter, glance};
+
+mod workless;
 
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(400);
@@ -25,7 +27,7 @@ pub enum Followed {
 
 /// Follows a study until it ends or `interrupted` is cancelled.
 pub async fn follow(api: &Api, id: StudyId, interrupted: &CancellationToken) -> Result<Followed> {
-    let mut meter = Meter::new();
+    let (mut meter, mut workless) = (Meter::new(), workless::Workless::default());
     let mut failures = 0;
     loop {
         let look = tokio::select! {
@@ -46,6 +48,12 @@ pub async fn follow(api: &Api, id: StudyId, interrupted: &CancellationToken) -> 
                 }
                 failures = 0;
                 meter.show(glance(&view));
+                if workless.asks(workless::waits(&view), Instant::now())
+                    && let Ok(there) = api.scaling().await
+                    && let Some(text) = workless.says(&there, api.address(), Instant::now())
+                {
+                    meter.say(&text);
+                }
             }
             Err(error) if error.is_passing() && failures < MOST_FAILURES => {
                 if failures == 0 {

@@ -8,7 +8,10 @@ use crate::args::{Cli, Command, LogFormat};
 
 /// Starts logging: `MANDUCA_LOG`, then `RUST_LOG`, then `-v`/`-q` decide what is seen.
 pub fn start(cli: &Cli) {
-    let by_variable = ["MANDUCA_LOG", "RUST_LOG"].into_iter().find_map(|name| EnvFilter::try_from_env(name).ok());
+    let by_variable = ["MANDUCA_LOG", "RUST_LOG"]
+        .into_iter()
+        .filter(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+        .find_map(|name| EnvFilter::try_from_env(name).ok());
     let filter = by_variable.unwrap_or_else(|| EnvFilter::new(level(cli)));
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     let builder = builder.with_ansi(std::io::stderr().is_terminal()).with_target(false);

@@ -4,6 +4,7 @@ mod api;
 mod args;
 mod commands;
 mod cost;
+mod endings;
 mod exit;
 mod files;
 mod follow;
@@ -13,16 +14,15 @@ mod progress;
 mod render;
 mod signals;
 mod study_file;
+mod text_file;
 mod token;
 mod whole;
 
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::Parser;
-
 fn main() -> ExitCode {
-    let cli = args::Cli::parse();
+    let cli = args::parse();
     if matches!(cli.command, args::Command::Slot) {
         // A slot is no async program: it reads, computes and writes.
         return manduca_worker::slot::slot_main();

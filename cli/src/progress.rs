@@ -23,11 +23,14 @@ pub struct Glance {
     pub total: u64,
     /// Rate, time left, troubles.
     pub detail: String,
+    /// Whether it rests: then nothing counts down.
+    pub paused: bool,
 }
 
 /// What there is to say about the present stage of a study.
 pub fn glance(view: &StudyView) -> Glance {
-    let state = if view.state == StudyState::Paused { view.paused_from.unwrap_or(view.state) } else { view.state };
+    let paused = view.state == StudyState::Paused;
+    let state = if paused { view.paused_from.unwrap_or(view.state) } else { view.state };
     let jobs = &view.stage_jobs;
     let all = jobs.ready + jobs.delayed + jobs.leased + jobs.succeeded + jobs.infeasible + jobs.dead;
     let mut details = Vec::new();
@@ -39,19 +42,19 @@ pub fn glance(view: &StudyView) -> Glance {
         }
         _ => (jobs.succeeded + jobs.infeasible, all),
     };
-    if state == StudyState::Sampling {
+    if state == StudyState::Sampling && !paused {
         details.extend(view.rate_per_s.filter(|&r| r > 0.0).map(|rate| format!("{rate:.1}/s")));
     }
-    details.extend(view.eta_s.filter(|_| done < total).map(|eta| format!("{} left", span(eta))));
+    details.extend(view.eta_s.filter(|_| done < total && !paused).map(|eta| format!("{} left", span(eta))));
     for (count, what) in [(jobs.infeasible, "infeasible"), (jobs.delayed, "to be retried"), (jobs.dead, "given up")] {
         if count > 0 {
             details.push(format!("{count} {what}"));
         }
     }
-    if view.state == StudyState::Paused {
+    if paused {
         details.push("paused".into());
     }
-    Glance { stage: state.name(), done, total, detail: details.join(", ") }
+    Glance { stage: state.name(), done, total, detail: details.join(", "), paused }
 }
 
 /// Seconds as a person says them.
@@ -89,6 +92,7 @@ impl Meter {
     /// Shows where a study is.
     pub fn show(&mut self, glance: Glance) {
         let new_stage = self.shown.as_ref().is_none_or(|shown| shown.stage != glance.stage);
+        let news = new_stage || self.shown.as_ref().is_some_and(|shown| shown.paused != glance.paused);
         if new_stage {
             self.close_stage();
             self.since = Instant::now();
@@ -104,7 +108,7 @@ impl Meter {
                 bar.set_position(glance.done);
                 bar.set_message(shown_in_line(&glance.detail).into_owned());
             }
-            None if self.shown.as_ref() != Some(&glance) && (new_stage || self.line_at.elapsed() >= BETWEEN_LINES) => {
+            None if self.shown.as_ref() != Some(&glance) && (news || self.line_at.elapsed() >= BETWEEN_LINES) => {
                 note(line(&glance));
                 self.line_at = Instant::now();
             }
@@ -199,8 +203,11 @@ mod tests {
         paused.paused_from = Some(StudyState::Training);
         paused.stage_jobs = JobCounts::default();
         paused.progress = Some(Progress { done: 3, total: 9, note: "iteration 3".into() });
-        paused.eta_s = None;
+        // Whatever was estimated before: nothing counts down.
+        (paused.eta_s, paused.rate_per_s) = (Some(21.0), Some(4.0));
         assert_eq!(line(&glance(&paused)), "training   3/9  iteration 3, paused");
+        (paused.paused_from, paused.progress) = (Some(StudyState::Sampling), None);
+        assert_eq!(line(&glance(&paused)), "sampling   120/300  paused");
     }
 
     #[test]

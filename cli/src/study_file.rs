@@ -1,15 +1,15 @@
 //! Studies as files: found, read, checked.
 
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::{resolve, strict};
 use serde_path_to_error::{Path as FieldPath, Segment};
 
 use crate::exit::refused;
+use crate::text_file;
 
 /// Studies which are part of the program, so that it works anywhere.
 pub const BUILT_IN: [(&str, &str); 5] = [
@@ -23,11 +23,12 @@ pub const BUILT_IN: [(&str, &str); 5] = [
 /// Reads and checks a study: a file, or one of those built in.
 pub fn load(name: &str) -> Result<StudySpec> {
     let path = Path::new(name);
-    // A folder of that name is where an earlier run put its data.
-    let text = if path.is_file() {
-        fs::read_to_string(path).with_context(|| format!("cannot read {name}"))?
-    } else if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+    let built_in = BUILT_IN.iter().find(|(built_in, _)| *built_in == name);
+    let text = if let Some((_, text)) = built_in.filter(|_| !path.exists() || path.is_dir()) {
+        // A folder of that name is where an earlier run put its data.
         (*text).to_owned()
+    } else if path.exists() {
+        text_file::read(path)?
     } else {
         let known: Vec<_> = BUILT_IN.iter().map(|(name, _)| *name).collect();
         return Err(refused(format!(
@@ -35,8 +36,7 @@ pub fn load(name: &str) -> Result<StudySpec> {
             known.join(", ")
         )));
     };
-    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    let spec = if json { from_json(&text) } else { from_toml(&text) };
+    let spec = if text_file::is_json(path, &text) { from_json(&text) } else { from_toml(&text) };
     let spec = spec.map_err(|fault| refused(format!("{name}{fault}")))?;
     match resolve::study(&spec) {
         Ok(_) => Ok(spec),
@@ -89,6 +89,7 @@ fn pointer(path: &FieldPath) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn faults(text: &str) -> String {
         let dir = tempfile::tempdir().unwrap();
@@ -104,6 +105,20 @@ mod tests {
             assert_eq!(spec.name, name);
             assert_eq!(spec.optimisations.is_empty(), name == "truth");
         }
+    }
+
+    #[test]
+    fn a_study_may_have_a_byte_order_mark_and_comes_from_a_pipe_too() {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in
+            [("a.json", include_str!("../../studies/quick.json")), ("a.toml", BUILT_IN[0].1), ("63", BUILT_IN[0].1)]
+        {
+            let path = dir.path().join(name);
+            fs::write(&path, format!("\u{feff}{text}")).unwrap();
+            assert_eq!(load(path.to_str().unwrap()).unwrap(), load("quick").unwrap(), "{name}");
+        }
+        let told = load(dir.path().to_str().unwrap()).unwrap_err();
+        assert!(told.to_string().contains("is a folder") && told.is::<crate::exit::Refused>());
     }
 
     #[test]

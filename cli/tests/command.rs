@@ -115,10 +115,58 @@ fn refused_input_is_code_2_with_file_and_field() {
         &["serve", "--listen", "0.0.0.0:0"],
         &["worker", "--coordinator", "ftp://localhost"],
         &["insects", "dragon"],
+        // Nobody listens: what cannot be written is refused before anything is asked for.
+        &["dataset", "latest", "-o", "samples.xlsx", "--coordinator", "http://127.0.0.1:9"],
+        &["study", "model", "latest", "-o", "net.pt", "--coordinator", "http://127.0.0.1:9"],
+        &["optimise", "latest", "--name", "a", "--set", "colour=1", "--coordinator", "http://127.0.0.1:9"],
         &["dance"],
     ] {
         let output = outcome(folder.path(), arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
+fn empty_variables_count_as_unset() {
+    let folder = tempfile::tempdir().unwrap();
+    let variables = [
+        "MANDUCA_DATA",
+        "MANDUCA_KEEP_DAYS",
+        "MANDUCA_SLOTS",
+        "MANDUCA_LISTEN",
+        "MANDUCA_LOG",
+        "MANDUCA_LOG_FORMAT",
+        "MANDUCA_COORDINATOR",
+        "MANDUCA_TOKEN",
+        "MANDUCA_TOKEN_FILE",
+        "MANDUCA_IDLE_EXIT",
+        "MANDUCA_MAX_RUNTIME",
+    ];
+    let mut command = manduca(folder.path(), &["token", "create", "x", "--scope", "read"]);
+    let output = command.envs(variables.map(|name| (name, ""))).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(folder.path().join("manduca-data/manduca.db").is_file());
+    for line in [&["serve", "--listen", "0.0.0.0:0"][..], &["worker", "--coordinator", "ftp://x"]] {
+        let output = manduca(folder.path(), line).envs(variables.map(|name| (name, ""))).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && !text.contains("invalid value"), "{text}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_study_may_come_through_a_pipe() {
+    let folder = folder_with(STUDY);
+    let output = manduca(folder.path(), &["study", "submit", "/dev/stdin", "--dry-run", "--json"])
+        .stdin(fs::File::open(folder.path().join("study.toml")).unwrap())
+        .output()
+        .unwrap();
+    assert_eq!(json(&output)["study"]["name"], "tiny");
+    let utf16: Vec<u8> = STUDY.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    fs::write(folder.path().join("wide.toml"), [&[0xff, 0xfe][..], &utf16].concat()).unwrap();
+    for name in ["wide.toml", "."] {
+        let output = outcome(folder.path(), &["run", name]);
+        assert_eq!(output.status.code(), Some(2), "{name}: {}", String::from_utf8_lossy(&output.stderr));
     }
 }
 

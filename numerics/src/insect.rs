@@ -25,7 +25,7 @@ table! {
         hinge_to_cm_along_m: f64 = 0.011, -0.5..=0.5, "m", "centre of mass from the hinges along the body axis, towards the tail";
         hinge_to_cm_below_m: f64 = 0.004, -0.5..=0.5, "m", "centre of mass below the hinges, normal to the body axis";
         stroke_plane_to_body_deg: f64 = 120.0, 0.0..=180.0, "deg", "angle between stroke plane and body axis";
-        body_pitch_inertia_kg_m2: f64 = 2.0e-7, 1e-14..=1.0, "kg m2", "pitching moment of inertia of the body about its centre of mass";
+        body_pitch_inertia_kg_m2: f64 = 2.0e-7, 1e-14..=1.0, "kg m2", "pitching moment of inertia of the body about its centre of mass; no result depends on it: it is for stability, later";
         air_density_kg_m3: f64 = 1.225, 0.001..=2000.0, "kg/m3", "density of the air";
         gravity_m_s2: f64 = 9.81, 0.1..=30.0, "m/s2", "acceleration of gravity";
         power_scale_w: f64 = 0.0842, 1e-9..=1e6, "W", "P0, the scale of P+";

@@ -62,6 +62,27 @@ pub fn index(name: &str) -> Option<usize> {
     TABLE.iter().position(|p| p.name == name)
 }
 
+/// The symbols in letters which every keyboard has, table order.
+const SPELT: [&str; COUNT] = ["f", "beta", "phi0", "theta0", "alpha0", "phia", "thetaa", "alphaa", "k", "c"];
+
+/// Place of a parameter which a person names: by its name, its symbol, or the symbol spelt in Latin letters
+/// (`beta`, `phi0`, `phi_a`). Case, `_` and `-` do not matter.
+///
+/// ```
+/// use manduca_numerics::parameters::{find, index};
+/// assert_eq!(find("beta"), index("stroke_plane_deg"));
+/// assert_eq!(find("φa"), index("sweep_amplitude_deg"));
+/// assert_eq!(find("colour"), None);
+/// ```
+pub fn find(text: &str) -> Option<usize> {
+    let plain = |text: &str| text.trim().to_lowercase().replace(['_', '-'], "");
+    let wanted = plain(text);
+    (0..COUNT).find(|&i| {
+        let Parameter { name, symbol, .. } = TABLE[i];
+        [name, symbol, SPELT[i]].iter().any(|known| plain(known) == wanted)
+    })
+}
+
 /// Place of each parameter by name, for code which means one in particular.
 #[allow(missing_docs)]
 pub mod at {
@@ -139,6 +160,17 @@ mod tests {
         for i in (0..COUNT).filter(|&i| i != 1) {
             assert!((u[i] - 0.25).abs() < 1e-14);
         }
+    }
+
+    #[test]
+    fn a_parameter_has_one_name_however_it_is_written() {
+        let spelt = ["f", "beta", "phi0", "theta_0", "Alpha0", "phi_a", "theta-a", "alphaa", "K", "c"];
+        for (i, p) in TABLE.iter().enumerate() {
+            for text in [p.name, p.symbol, spelt[i], &p.name.replace('_', "-"), &p.name.to_uppercase()] {
+                assert_eq!(find(text), Some(i), "{text}");
+            }
+        }
+        assert_eq!([find(""), find("phi"), find("frequency")], [None; 3]);
     }
 
     #[test]

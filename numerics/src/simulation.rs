@@ -120,6 +120,14 @@ pub enum Infeasible {
         /// In which stroke, counted from 1.
         stroke: usize,
     },
+    /// The lattice gave finite nonsense.
+    #[error("the vortex lattice blew up in stroke {stroke}: its loads are {times:.1} times the most a wing can give")]
+    Beyond {
+        /// In which stroke, counted from 1.
+        stroke: usize,
+        /// Mean load over the greatest possible one.
+        times: f64,
+    },
 }
 
 /// A step of a flight, shown to who watches it.

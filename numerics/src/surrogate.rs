@@ -12,6 +12,8 @@
 //! matrix products of `faer` round by the width of the machine's registers.
 
 mod cholesky;
+#[cfg(test)]
+mod constant_tests;
 mod ensemble;
 mod errors;
 mod features;
@@ -48,7 +50,7 @@ pub(crate) use network::bad_bounds;
 pub(crate) use network::tests::random_network;
 pub use network::{Network, NetworkError};
 pub use process::{Process, ProcessOutput};
-pub use settings::{Method, TrainError, TrainSettings};
+pub use settings::{Method, Part, TrainError, TrainSettings, check_sizes};
 pub use train::{Checkpoint, Dataset, Epoch, Member, Stop, Training, train};
 
 use crate::parameters::Point;

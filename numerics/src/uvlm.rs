@@ -8,6 +8,7 @@ mod geometry;
 mod influence;
 pub mod kernel;
 mod level;
+mod limit;
 mod loads;
 pub mod probe;
 mod settings;

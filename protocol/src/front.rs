@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use crate::ids::StudyId;
 use crate::point::ParameterValues;
+use crate::task::Scaled;
 
 /// Which way a limit bounds the parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -48,4 +49,10 @@ pub struct FrontView {
     pub least_power: Option<f64>,
     /// By limits, upwards; none where there is no optimum.
     pub points: Vec<FrontPointView>,
+    /// Who says so: the surrogate as it was trained, which knows nothing of the strokes that refining flew since.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub by: Option<String>,
+    /// Root mean square errors of the surrogate on strokes of the box which it has not seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub test_rmse: Option<Scaled>,
 }

@@ -157,11 +157,12 @@ pub fn stopped(stop: Stop) -> &'static str {
 }
 
 /// What the reasons for an ascent to end are called.
-const ENDS: [(AscentStop, &str); 4] = [
+const ENDS: [(AscentStop, &str); 5] = [
     (AscentStop::Flat, "the likelihood no longer rose"),
     (AscentStop::MaxIterations, "all iterations were made"),
     (AscentStop::Stuck, "no step made the samples likelier"),
     (AscentStop::Interrupted, "interrupted"),
+    (AscentStop::Constant, "the output is the same in all samples"),
 ];
 
 /// Why the search of a gaussian process's numbers ended, as it is told.

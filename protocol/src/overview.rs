@@ -59,6 +59,10 @@ pub struct ThroughputView {
     pub interval_s: f64,
     /// Results which came in in each interval, those found in the store without a flight left out.
     pub results: Vec<u32>,
+    /// Time in which results came in, s: without the pauses in which no job was flown, such as between the end of a
+    /// study and an optimisation added to it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub busy_s: Option<f64>,
 }
 
 /// Jobs which failed alike. `GET /v1/studies/{study}/failures`

@@ -9,18 +9,20 @@ use manduca_numerics::optimise::sqp::SqpSettings;
 use manduca_numerics::optimise::{GaSettings, SimplexSettings};
 use manduca_numerics::parameters::{Bounds, TABLE, index};
 use manduca_numerics::simulation::{BodyVelocity, Model, Simulation};
-use manduca_numerics::surrogate::process::MOST_POINTS;
-use manduca_numerics::surrogate::{self, TrainSettings};
-use manduca_numerics::table::Table;
+use manduca_numerics::surrogate::TrainSettings;
+use manduca_numerics::table::{FieldError, Table};
 use manduca_numerics::{quasi_steady, uvlm};
 
+use crate::names::{nearest, suggestion, unknown_parameter};
 use crate::point::ParameterValues;
 use crate::problem::{FieldProblem, MOST_FAULTS};
-use crate::study::{
-    ElevationPhase, Features, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec, SurrogateKind, SurrogateSpec,
-    TrainMethod,
-};
+use crate::study::{ElevationPhase, ModelKind, ModelSpec, OptimisationSpec, Range, StudySpec};
 use crate::text::{check_name, check_prose};
+
+mod training;
+
+pub use training::surrogate;
+use training::surrogate_at;
 
 /// Most samples of one study.
 pub const MAX_SAMPLES: u32 = 200_000;
@@ -152,7 +154,9 @@ fn escape(name: &str) -> String {
 fn set_all<T: Table>(into: &mut T, values: &BTreeMap<String, f64>, at: &str, faults: &mut Faults) {
     for (name, &value) in values {
         if let Err(e) = into.set(name, value) {
-            faults.add(format!("{at}/{}", escape(name)), e.to_string());
+            let meant = nearest(name, T::FIELDS.iter().map(|f| f.name));
+            let meant = if matches!(e, FieldError::Unknown { .. }) { suggestion(meant) } else { String::new() };
+            faults.add(format!("{at}/{}", escape(name)), format!("{meant}{e}"));
         }
     }
 }
@@ -176,7 +180,7 @@ fn model_at(spec: &ModelSpec, at: &str, faults: &mut Faults) -> ResolvedModel {
             let mut settings = uvlm::Settings::default();
             set_all(&mut settings, &spec.solver, &format!("{at}/solver"), faults);
             if faults.count() == before
-                && let Err((field, why)) = settings.check()
+                && let Err((field, why)) = settings.check().and_then(|()| settings.check_on(&insect))
             {
                 faults.add(format!("{at}/solver/{field}"), why);
             }
@@ -227,8 +231,7 @@ fn bounds_at(inside: &Bounds, ranges: &BTreeMap<String, Range>, at: &str, faults
     for (name, range) in ranges {
         let pointer = format!("{at}/{}", escape(name));
         let Some(i) = index(name) else {
-            let known: Vec<_> = TABLE.iter().map(|p| p.name).collect();
-            faults.add(pointer, format!("unknown parameter; known are {}", known.join(", ")));
+            faults.add(pointer, unknown_parameter(name));
             continue;
         };
         let (low, high) = match *range {
@@ -260,41 +263,6 @@ fn study_bounds(spec: &StudySpec, faults: &mut Faults) -> Bounds {
         faults.add("/parameters", "every parameter is held: there is nothing to sample");
     }
     bounds
-}
-
-fn surrogate_at(spec: &SurrogateSpec, samples: u32, seed: u64, faults: &mut Faults) -> TrainSettings {
-    faults.within("/surrogate/neurons", spec.neurons.into(), 1.0, MAX_NEURONS.into());
-    faults.within("/surrogate/ensemble", spec.ensemble.into(), 1.0, MAX_ENSEMBLE.into());
-    faults.within("/surrogate/max_iterations", spec.max_iterations.into(), 1.0, 10_000.0);
-    faults.within("/surrogate/patience", spec.patience.into(), 1.0, 1_000.0);
-    faults.within("/surrogate/train_share", spec.train_share, 0.1, 0.98);
-    faults.within("/surrogate/validation_share", spec.validation_share, 0.01, 0.5);
-    let rest = 1.0 - spec.train_share - spec.validation_share;
-    if samples > 0 && rest * f64::from(samples) < 1.0 - 1e-9 {
-        faults.add("/surrogate/train_share", "leaves no sample to test with");
-    }
-    let fitted = f64::from(samples) * (spec.train_share + spec.validation_share);
-    if spec.kind == SurrogateKind::GaussianProcess && fitted.floor() > MOST_POINTS as f64 {
-        let why = format!("a gaussian process takes at most {MOST_POINTS} samples; {fitted:.0} would be fitted");
-        faults.add("/surrogate/kind", why);
-    }
-    TrainSettings {
-        neurons: spec.neurons as usize,
-        max_iterations: spec.max_iterations as usize,
-        patience: spec.patience as usize,
-        train_share: spec.train_share,
-        validation_share: spec.validation_share,
-        seed,
-        method: match spec.method {
-            TrainMethod::VariableProjection => surrogate::Method::VariableProjection,
-            TrainMethod::LevenbergMarquardt => surrogate::Method::LevenbergMarquardt,
-        },
-        features: match spec.features {
-            Features::Physical => surrogate::Features::Physical,
-            Features::Paper => surrogate::Features::Paper,
-        },
-        ensemble: spec.ensemble as usize,
-    }
 }
 
 fn optimisation_at(
@@ -335,16 +303,6 @@ fn optimisation_at(
         },
         simplex: SimplexSettings { tolerance: spec.simplex_tolerance, ..SimplexSettings::default() },
     }
-}
-
-/// Checks the settings of a network on their own, for `samples` samples.
-///
-/// # Errors
-/// Every fault with its JSON pointer.
-pub fn surrogate(spec: &SurrogateSpec, samples: u32, seed: u64) -> Result<TrainSettings, Vec<FieldProblem>> {
-    let mut faults = Faults::default();
-    let settings = surrogate_at(spec, samples, seed, &mut faults);
-    faults.finish(settings)
 }
 
 /// Checks an optimisation on its own, inside the bounds of its study.
@@ -397,7 +355,9 @@ pub fn study(spec: &StudySpec) -> Result<ResolvedStudy, Vec<FieldProblem>> {
     faults.within("/audit", spec.audit, 0.0, 1.0);
     faults.within("/sampling/faces", spec.sampling.faces, 0.0, 1.0);
     faults.within("/sampling/clearance_margin_mm", spec.sampling.clearance_margin_mm, -1000.0, 1000.0);
-    let surrogate = surrogate_at(&spec.surrogate, samples, spec.seed, &mut faults);
+    // Of a number of samples which is refused itself no split is checked.
+    let split = if (MIN_SAMPLES..=MAX_SAMPLES).contains(&samples) { samples } else { 0 };
+    let surrogate = surrogate_at(&spec.surrogate, split, spec.seed, &mut faults);
     if spec.optimisations.len() > MAX_OPTIMISATIONS {
         faults.add("/optimisations", format!("more than {MAX_OPTIMISATIONS}"));
     }

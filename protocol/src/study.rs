@@ -8,7 +8,7 @@ use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use utoipa::ToSchema;
 
-use crate::strict;
+use crate::{strict, whole};
 
 /// A whole study.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -20,7 +20,7 @@ pub struct StudySpec {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub description: String,
     /// Seed of everything random in the study, at most 2^53 - 1.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::number")]
     pub seed: u64,
     /// Insect, aerodynamics and solver settings.
     #[serde(default, deserialize_with = "strict::object")]
@@ -144,6 +144,7 @@ impl Default for ModelSpec {
 #[serde(deny_unknown_fields)]
 pub struct SamplingSpec {
     /// Feasible samples wanted; 0 where every optimisation is `direct`: then nothing is sampled or trained.
+    #[serde(deserialize_with = "whole::number")]
     pub samples: u32,
     /// Least distance of the wings from the plane of symmetry, mm.
     #[serde(default)]
@@ -198,16 +199,20 @@ pub struct SurrogateSpec {
     /// `network` or `gaussian-process`.
     pub kind: SurrogateKind,
     /// Neurons in the hidden layer.
+    #[serde(deserialize_with = "whole::number")]
     pub neurons: u32,
     /// How the weights are searched.
     pub method: TrainMethod,
     /// What it learns.
     pub features: Features,
     /// Networks of different first weights whose mean is the prediction.
+    #[serde(deserialize_with = "whole::number")]
     pub ensemble: u32,
     /// Most iterations of each network.
+    #[serde(deserialize_with = "whole::number")]
     pub max_iterations: u32,
     /// Iterations without a better validation error before it stops.
+    #[serde(deserialize_with = "whole::number")]
     pub patience: u32,
     /// Share of the samples trained on.
     pub train_share: f64,
@@ -268,7 +273,7 @@ pub struct OptimisationSpec {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "strict::map")]
     pub parameters: BTreeMap<String, Range>,
     /// Descents of `sqp`, each from another point of the box.
-    #[serde(default = "starts")]
+    #[serde(default = "starts", deserialize_with = "whole::number")]
     pub starts: u32,
     /// Weight r of |1-L+| + |D+| + |M+| in the fitness (paper Eq. 8).
     #[serde(default = "penalty_r")]
@@ -277,10 +282,10 @@ pub struct OptimisationSpec {
     #[serde(default = "penalty_s")]
     pub penalty_s: f64,
     /// Individuals of the genetic algorithm, of `paper` and `direct`; 100000 and 300 where left out.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::optional")]
     pub population: Option<u32>,
     /// Most generations; 300 of `paper` and 50 of `direct` where left out.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::optional")]
     pub generations: Option<u32>,
     /// Stop when the best fitness changes less than this over 50 generations.
     #[serde(default = "tolerance")]
@@ -292,10 +297,10 @@ pub struct OptimisationSpec {
     #[serde(default)]
     pub clearance_margin_mm: f64,
     /// Strokes of the re-simulation of the optimum (UVLM); more strokes, smaller standard error.
-    #[serde(default = "verify_strokes")]
+    #[serde(default = "verify_strokes", deserialize_with = "whole::number")]
     pub verify_strokes: u32,
     /// Most simulations around the optimum, until prediction and simulation agree; 0 leaves it as found.
-    #[serde(default = "refine_simulations")]
+    #[serde(default = "refine_simulations", deserialize_with = "whole::number")]
     pub refine_simulations: u32,
 }
 
@@ -324,6 +329,11 @@ impl OptimisationSpec {
     /// Never: what has a default is optional.
     pub fn whole_box(clearance_margin_mm: f64) -> Result<Self, serde_json::Error> {
         serde_json::from_value(serde_json::json!({ "name": "whole box", "clearance_margin_mm": clearance_margin_mm }))
+    }
+
+    /// The clearance which a search keeps, m: what is asked for, and at least 0, for wings which cross are not flown.
+    pub fn margin_m(&self) -> f64 {
+        (self.clearance_margin_mm * 1e-3).max(0.0)
     }
 
     /// Whether its fitness is flown.

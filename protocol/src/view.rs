@@ -6,11 +6,14 @@ use utoipa::ToSchema;
 use crate::ids::{JobId, StudyId, WorkerId};
 use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
-use crate::search::Standing;
 use crate::study::{StudySpec, SurrogateKind};
-use crate::task::{EpochMessage, ErrorsMessage, JobKind, Optimality, Progress, Provenance, Scaled, SimulateResult};
-use crate::task::{OptimiseResult, ScaledEstimates};
+use crate::task::{EpochMessage, ErrorsMessage, JobKind, Progress, Provenance, SimulateResult};
 use crate::who::ComputedBy;
+
+pub use crate::answer::{
+    OptimumResult, OptimumStatus, OptimumView, OutsideBox, PredictionRequest, PredictionResponse, SampleCounts,
+    SearchView, StudyResult, SurrogateErrors,
+};
 
 /// State of a study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -184,132 +187,6 @@ pub struct SurrogateView {
     pub validation: Option<ErrorsMessage>,
     /// Errors on the test share, once it is done.
     pub test: Option<ErrorsMessage>,
-}
-
-/// Ask the network. `POST /v1/studies/{study}/surrogate/predictions`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PredictionRequest {
-    /// Points, at most 1000.
-    pub points: Vec<ParameterValues>,
-}
-
-/// The network's answers in the order asked.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PredictionResponse {
-    /// Scaled values.
-    pub predictions: Vec<Scaled>,
-}
-
-/// One optimisation with its re-simulation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OptimumView {
-    /// Name of the optimisation.
-    pub name: String,
-    /// `pending`, `optimised`, `verified` or `failed`.
-    pub status: OptimumStatus,
-    /// What the optimiser found.
-    pub optimum: Option<OptimiseResult>,
-    /// The UVLM flown there again.
-    pub simulated: Option<SimulateResult>,
-    /// Simulated minus predicted.
-    pub gap: Option<Scaled>,
-    /// How the generations of a `direct` optimisation stand, once the first is flown.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub breeding: Option<SearchView>,
-    /// How the search around it stands, once it has begun.
-    pub search: Option<SearchView>,
-}
-
-/// A search which asks for simulations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SearchView {
-    /// How it stands after its last round.
-    pub standing: Standing,
-    /// Why it ended; none while it goes on.
-    pub ended: Option<String>,
-    /// Whether it ended because prediction and simulation agree.
-    pub converged: bool,
-}
-
-/// How far an optimisation is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum OptimumStatus {
-    /// Not yet optimised.
-    Pending,
-    /// Optimised, not yet simulated again.
-    Optimised,
-    /// Simulated again.
-    Verified,
-    /// Refined until the search ended.
-    Refined,
-    /// A job of it died.
-    Failed,
-}
-
-/// The answer of a study. `GET /v1/studies/{study}/optimum`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct StudyResult {
-    /// The study.
-    pub study: StudyId,
-    /// Its state.
-    pub state: StudyState,
-    /// Samples.
-    pub samples: SampleCounts,
-    /// Test errors of the network.
-    pub surrogate: Option<SurrogateErrors>,
-    /// Optima.
-    pub optimisations: Vec<OptimumResult>,
-    /// Wall time per stage.
-    pub stages_s: StageSeconds,
-    /// Version of the numbers.
-    pub solver_version: String,
-}
-
-/// How the samples ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[allow(missing_docs)]
-pub struct SampleCounts {
-    pub succeeded: u64,
-    pub infeasible: u64,
-    pub dead: u64,
-}
-
-/// Test errors of the network.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SurrogateErrors {
-    /// Root mean square errors of the scaled outputs on the test share.
-    pub rmse: Scaled,
-}
-
-/// One optimum, flat.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OptimumResult {
-    /// Name of the optimisation.
-    pub name: String,
-    /// How far it is.
-    pub status: OptimumStatus,
-    /// The optimum.
-    pub parameters: Option<ParameterValues>,
-    /// By the network.
-    pub predicted: Option<Scaled>,
-    /// By the solver.
-    pub simulated: Option<ScaledEstimates>,
-    /// Why the solver has no means there.
-    pub infeasible: Option<String>,
-    /// Simulated power per lift.
-    pub power_per_lift_w_per_n: Option<f64>,
-    /// Least distance of the wings from the plane of symmetry, mm.
-    pub clearance_mm: Option<f64>,
-    /// What the constraints cost, and how exact the optimum is; absent for `paper`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub optimality: Option<Optimality>,
-    /// The generations which found it, of `direct`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub breeding: Option<SearchView>,
-    /// The refined optimum, once the search around the first has begun.
-    pub refined: Option<SearchView>,
 }
 
 /// A job in a list. `GET /v1/studies/{study}/jobs`

@@ -197,7 +197,7 @@ impl Study {
             cells.extend(answer.means.iter().map(|means| match means {
                 Ok(means) => format!("{}, {}", fixed(means.scaled[0].mean, 3), fixed(means.power_per_lift(), 2)),
                 Err(Infeasible::Collision { .. }) => "collide".to_owned(),
-                Err(Infeasible::BlowUp { .. }) => "blows up".to_owned(),
+                Err(Infeasible::BlowUp { .. } | Infeasible::Beyond { .. }) => "blows up".to_owned(),
             }));
             table.row(cells);
         }

@@ -40,7 +40,8 @@ export function frontCard(id) {
     const there = front.points.filter((p) => p.power !== null);
     const missing = front.points.length - there.length;
     fill(said, `Free, ${words(parameter.name)} is ${fixed(front.free, 2)} ${parameter.unit} with P+ = ${fixed(front.least_power, 4)}.`,
-      missing ? ` Under ${missing} limits no stroke in trim is known.` : "");
+      missing ? ` Under ${missing} limits no stroke in trim is known.` : "",
+      ` By the surrogate as it was trained, before refining${front.test_rmse ? `; its test error (rms) of P+ is ${fixed(front.test_rmse.power, 4)}` : ""}.`);
     const of = (side) => there.filter((p) => p.side === side);
     const trace = (name, points, dash) => ({
       name, x: points.map((p) => p.limit), y: points.map((p) => p.power), mode: "lines+markers", line: { dash },

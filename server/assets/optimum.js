@@ -8,12 +8,9 @@ import { searchPlots } from "./search.js";
 /** P0 of the paper's hawkmoth, mW: what its powers are divided by here. */
 const PAPER_P0_MW = 84.2;
 
-/** The published case an optimisation is compared with, by its name: as `manduca optimum` chooses. */
-export function published(name, cases) {
-  const of = name.toLowerCase().split(/[^a-z0-9]+/);
-  const says = (...any) => any.some((word) => of.includes(word));
-  const wanted = says("ii", "2") ? "optimum-2" : says("five", "5") ? (says("direct") ? "five-direct" : "five-ann") : "optimum-1";
-  return cases.find((c) => c.name === wanted) ?? cases[0];
+/** The published stroke which answers the same question, as the coordinator says; null where there is none. */
+export function published(optimisation, cases) {
+  return cases.find((c) => c.name === optimisation.paper) ?? null;
 }
 
 /** The strokes of an optimisation: what was found, and what refining made of it. */
@@ -40,39 +37,42 @@ function parametersTable(columns, paper, parameters) {
   return table(null, [
     ["Parameter", (p) => `${words(p.name)} ${symbol(p)}`],
     ...columns.map((c) => [c.title, (p) => fixed(c.parameters[p.name], 3), true]),
-    ["paper", (p) => digits(paper.parameters[p.name], 4), true],
+    ...(paper ? [["paper", (p) => digits(paper.parameters[p.name], 4), true]] : []),
   ], parameters);
 }
 
 function meansTable(columns, paper, outputs) {
-  const theirs = [paper.lift, 0, 0, paper.power_mw === null ? null : paper.power_mw / PAPER_P0_MW];
+  const theirs = paper ? [paper.lift, 0, 0, paper.power_mw === null ? null : paper.power_mw / PAPER_P0_MW] : [];
   const rows = outputs.map((o, i) => ({ name: `${o.name.replace("_", " ")} ${o.symbol}`, of: o.name, paper: fixed(theirs[i], 3) }));
-  rows.push({ name: "P/L [W/N]", paper: fixed(paper.power_per_lift_w_per_n, 2) });
+  rows.push({ name: "P/L [W/N]", paper: paper && fixed(paper.power_per_lift_w_per_n, 2) });
   return table(null, [
     ["Mean", (r) => r.name],
     ...columns.flatMap((c) => [
       [`${c.title}: predicted`, (r) => (r.of ? fixed(c.predicted?.[r.of], 4) : "-"), true],
       ["simulated ± se", (r) => (r.of ? estimate(c.simulated?.[r.of]) : fixed(c.perLift, 3)), true],
     ]),
-    ["paper", (r) => r.paper, true],
+    ...(paper ? [["paper", (r) => r.paper, true]] : []),
   ], rows, true);
 }
 
 /** What there is to say beside the tables. */
 function remarks(o) {
-  const said = [];
+  const said = (o.warnings ?? []).map((warning) => `Warning: ${warning}.`);
   const search = o.search;
+  const of = o.breeding ? "Generations' optimum" : "Surrogate's optimum";
+  const room = (mm) => (mm < 0 ? `the wings cross the plane of symmetry by ${fixed(-mm, 2)} mm.` : `the wings keep ${fixed(mm, 2)} mm from the plane of symmetry.`);
   if (o.breeding) said.push(`${o.breeding.standing.rounds} generations, ${whole(o.breeding.standing.simulations)} strokes flown: ${o.breeding.ended ?? "they go on"}.`);
   if (search) {
     const { rounds, simulations, trimmed_power: power, prices } = search.standing;
     said.push(`Refined by ${whole(simulations)} simulations in ${rounds} round${rounds === 1 ? "" : "s"}: ${search.ended ?? "it goes on"}.`);
-    if (power && prices) said.push(`P+ in exact trim ${fixed(power, 4)}: it rises by ${fixed(prices.lift, 3)} per unit of L+, ${fixed(prices.drag, 3)} of D+, ${fixed(prices.pitch_moment, 3)} of M+.`);
+    if (power && prices) said.push(`Refined optimum: P+ in exact trim ${fixed(power, 4)}: it rises by ${fixed(prices.lift, 3)} per unit of L+, ${fixed(prices.drag, 3)} of D+, ${fixed(prices.pitch_moment, 3)} of M+.`);
   }
   if (o.simulated?.outcome === "infeasible") said.push(`The optimum cannot be flown: ${o.simulated.reason}.`);
-  if (o.optimum) said.push(`The wings keep ${fixed(o.optimum.clearance_mm, 2)} mm from the plane of symmetry.`);
+  if (o.optimum) said.push(`${of}: ${room(o.optimum.clearance_mm)}`);
+  if (typeof o.refined_clearance_mm === "number") said.push(`Refined optimum: ${room(o.refined_clearance_mm)}`);
   const known = o.optimum?.optimality;
   if (known) {
-    said.push(`${known.converged} of ${known.starts} descents converged, to ${known.optima.length} ${known.optima.length === 1 ? "optimum" : "optima"}; ` +
+    said.push(`${of}: ${known.converged} of ${known.starts} descents converged, to ${known.optima.length} ${known.optima.length === 1 ? "optimum" : "optima"}; ` +
       `KKT residual ${known.kkt_residual.toExponential(1)}, violation ${known.violation.toExponential(1)}.`);
   }
   return h("ul", { class: "small" }, said.map((line) => h("li", {}, line)));
@@ -100,11 +100,11 @@ export function optimaTab(id) {
     plots = [];
     const cards = study.optimisations.map((o) => {
       const columns = strokes(o);
-      const paper = published(o.name, cases);
+      const paper = published(o, cases);
       if (columns.length === 0 && !o.breeding) return card(o.name, h("p", {}, badge(o.status)));
       const convergence = searchPlots(o);
       plots.push(convergence);
-      return card(`${o.name} beside ${paper.title}`, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
+      return card(paper ? `${o.name} beside ${paper.title}` : o.name, h("p", {}, badge(o.status), " ", h("a", { href: `#/studies/${id}/stroke` }, "look at the stroke")),
         columns.length ? h("div", { class: "answer" }, meansTable(columns, paper, outputs),
           h("div", { class: "grid" }, parametersTable(columns, paper, parameters), remarks(o)),
           localOptima(o.optimum?.optimality, parameters)) : null,

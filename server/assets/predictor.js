@@ -52,12 +52,16 @@ export function predictorCard(id, stroke) {
       return;
     }
     try {
-      const { predictions: [p] } = await post(`/v1/studies/${id}/surrogate/predictions`, { points: [stroke.x] });
+      const { predictions: [p], test_rmse: rmse, outside } = await post(`/v1/studies/${id}/surrogate/predictions`, { points: [stroke.x] });
       const { scales } = stroke.wing;
       const perLift = p.lift > 0 ? (p.power * scales.power) / (p.lift * scales.lift) : null;
       const facts = outputs.map((o) => [o.symbol, fixed(p[o.name], 4)]);
       facts.push(["P/L [W/N]", digits(perLift, 4)]);
-      fill(answer, h("dl", { class: "facts" }, facts.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value)))), warning);
+      // Refining does not teach the surrogate: at a refined optimum the simulated numbers are the better ones.
+      const worth = rmse ? ` Test errors (rms): ${outputs.map((o) => `${o.symbol} ${fixed(rmse[o.name], 4)}`).join(", ")}.` : "";
+      const label = h("p", { class: "small soft" }, `By the surrogate as it was trained, before refining.${worth}`,
+        outside?.length ? ` Outside the study's box (${outside[0].parameters.map(words).join(", ")}): nothing was learnt there.` : "");
+      fill(answer, h("dl", { class: "facts" }, facts.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value)))), label, warning);
     } catch (error) {
       const faults = error.problem?.errors ?? [];
       fill(answer, h("p", { class: "fault" }, faults.length ? faults.map((f) => `${f.pointer}: ${f.detail}`).join("; ") : error.message));

@@ -15,11 +15,12 @@ export function throughputCard(id) {
     const x = view.results.map((_, i) => new Date(begin + (i + 0.5) * 1000 * view.interval_s));
     const y = view.results.map((n) => n / view.interval_s);
     const sum = view.results.reduce((a, b) => a + b, 0);
-    const all = view.results.length * view.interval_s;
+    // Time in which nothing was flown, such as before an optimisation was added, is no part of the mean.
+    const busy = view.busy_s ?? view.results.length * view.interval_s;
     plot.show(() => ({
       traces: [{ x, y, type: "bar", marker: { color: colour("c1") }, hovertemplate: "%{y:.3g}/s at %{x|%H:%M:%S}<extra></extra>" }],
       layout: { height: 230, bargap: 0, yaxis: { title: "results per second", rangemode: "tozero" }, xaxis: {} },
-    }), `${whole(sum)} results in ${span(all)}, ${digits(sum / all, 3)} per second on average; each bar is ${span(view.interval_s)}.`);
+    }), `${whole(sum)} results in ${span(busy)} of work, ${digits(sum / busy, 3)} per second on average; each bar is ${span(view.interval_s)}.`);
   }, 4000);
   let known = null;
   return {

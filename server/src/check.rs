@@ -6,7 +6,9 @@ use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::{self, ResolvedStudy};
 use manduca_protocol::study::StudySpec;
 
+use crate::config::RunLimits;
 use crate::draw::{Drawn, draw_all};
+use crate::effort;
 
 /// A study which would be accepted.
 #[derive(Debug, Clone)]
@@ -34,17 +36,21 @@ impl Checked {
     }
 }
 
-/// Checks a study and draws its samples. Thousands of strokes are looked at: not for
-/// a thread which serves.
+/// Checks a study, what it costs beside what jobs may cost here, and draws its samples. Thousands of strokes are looked
+/// at: not for a thread which serves.
 ///
 /// # Errors
 /// Every fault with its JSON pointer.
-pub fn check(spec: &StudySpec) -> Result<Checked, Vec<FieldProblem>> {
+pub fn check(spec: &StudySpec, limits: &RunLimits) -> Result<Checked, Vec<FieldProblem>> {
     let (faults, resolved) = (resolve::texts(spec), resolve::study(spec));
     let resolved = match (resolved, faults.is_empty()) {
         (Ok(resolved), true) => resolved,
         (resolved, _) => return Err(faults.into_iter().chain(resolved.err().unwrap_or_default()).collect()),
     };
+    let endless = effort::endless(spec, &resolved, limits);
+    if !endless.is_empty() {
+        return Err(endless);
+    }
     let drawn = draw_all(spec, &resolved).map_err(|fault| vec![fault])?;
     Ok(Checked { resolved, drawn })
 }

@@ -14,6 +14,7 @@ mod compose;
 mod config;
 mod dataset;
 mod draw;
+mod effort;
 mod error;
 mod event;
 mod fair;
@@ -28,6 +29,7 @@ mod onnx;
 mod prepare;
 mod rate;
 mod registrations;
+mod remark;
 // The macro which describes routes spells out paths it need not.
 #[allow(unused_qualifications)]
 mod routes;

@@ -2,6 +2,7 @@
 
 use clap::{Args, Subcommand, ValueEnum};
 use manduca_numerics::parameters;
+use manduca_protocol::names::unknown_parameter;
 
 use super::Coordinator;
 
@@ -136,6 +137,5 @@ pub struct PopulationArgs {
 }
 
 fn quantity(text: &str) -> Result<usize, String> {
-    let known = || parameters::TABLE.map(|p| p.name).join(", ");
-    parameters::index(&text.replace('-', "_")).ok_or_else(|| format!("no such parameter; there are {}", known()))
+    parameters::find(text).ok_or_else(|| unknown_parameter(text))
 }

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use manduca_numerics::parameters;
+use manduca_protocol::names::unknown_parameter;
 use manduca_protocol::study::Range;
 
 use super::Coordinator;
@@ -40,7 +42,8 @@ pub struct OptimiseArgs {
     /// Name, unique in the study.
     #[arg(long)]
     pub name: Option<String>,
-    /// Hold a parameter at a value, or narrow its bounds: NAME=VALUE, NAME=LOW:HIGH.
+    /// Hold a parameter at a value, or narrow its bounds: NAME=VALUE, NAME=LOW:HIGH. A name or a symbol, such
+    /// as f or beta.
     #[arg(long, value_name = "NAME=RANGE", value_parser = range)]
     pub set: Vec<(String, Range)>,
     /// How to search [default: sqp].
@@ -73,7 +76,8 @@ fn range(text: &str) -> Result<(String, Range), String> {
         Some((low, high)) => Range::Between([number(low)?, number(high)?]),
         None => Range::Held(number(value)?),
     };
-    Ok((name.trim().to_owned(), range))
+    let place = parameters::find(name).ok_or_else(|| unknown_parameter(name))?;
+    Ok((parameters::TABLE[place].name.to_owned(), range))
 }
 
 #[cfg(test)]
@@ -82,8 +86,9 @@ mod tests {
 
     #[test]
     fn ranges_are_values_or_bounds() {
-        assert_eq!(range("a=1.5"), Ok(("a".into(), Range::Held(1.5))));
-        assert_eq!(range("a = -2:3"), Ok(("a".into(), Range::Between([-2.0, 3.0]))));
-        assert!(range("a").is_err() && range("a=x").is_err() && range("a=1:").is_err());
+        assert_eq!(range("frequency_hz=20.5"), Ok(("frequency_hz".into(), Range::Held(20.5))));
+        assert_eq!(range("phi0 = -2:3"), Ok(("sweep_mean_deg".into(), Range::Between([-2.0, 3.0]))));
+        assert!(range("f").is_err() && range("f=x").is_err() && range("f=1:").is_err());
+        assert!(range("frequncy_hz=1").unwrap_err().contains("did you mean frequency_hz?"));
     }
 }

@@ -24,10 +24,12 @@ A study is named by its id, by the end of its id as far as it is the only one, o
 
 | exit code | means |
 |---|---|
-| 0 | done; a stroke which cannot be flown is an answer, too, and so is a reader who has read enough (`| head`) |
+| 0 | done; a stroke which cannot be flown is an answer, too, as is an optimum which is not in trim (a warning says so), and so is a reader who has read enough (`| head`) |
 | 1 | failed: nobody answers, a disk is full, a study ended without what was waited for |
 | 2 | refused: the line, a file or a request makes no sense as it stands; nothing was changed |
 | 130 | interrupted by Ctrl-C; what was begun elsewhere goes on, and `manduca run` goes on where it was when called again |
+
+A variable which is set to nothing counts as unset.
 
 | variable | is |
 |---|---|

@@ -8,9 +8,21 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 
 use crate::args::{DatasetArgs, DatasetFormat, SurrogateArgs, SurrogateFormat};
+use crate::endings;
 use crate::exit::refused;
 use crate::output::{Output, note};
 use crate::whole::Whole;
+
+/// Endings of a dataset's file.
+const DATASETS: [(&str, DatasetFormat); 5] = [
+    ("csv", DatasetFormat::Csv),
+    ("ndjson", DatasetFormat::Ndjson),
+    ("jsonl", DatasetFormat::Ndjson),
+    ("json", DatasetFormat::Json),
+    ("parquet", DatasetFormat::Parquet),
+];
+/// Endings of a surrogate's file.
+const SURROGATES: [(&str, SurrogateFormat); 2] = [("json", SurrogateFormat::Json), ("onnx", SurrogateFormat::Onnx)];
 
 /// Writes a dataset as it arrives, so that its size does not matter.
 pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
@@ -61,10 +73,7 @@ pub async fn save(mut response: reqwest::Response, path: Option<&Path>, mut whol
 /// Writes the surrogate of a study.
 pub async fn model(args: SurrogateArgs) -> Result<ExitCode> {
     let output = args.output.as_deref();
-    let format = args.format.unwrap_or_else(|| match ending(output).as_str() {
-        "onnx" => SurrogateFormat::Onnx,
-        _ => SurrogateFormat::Json,
-    });
+    let format = endings::chosen("-o", output, args.format, &SURROGATES, SurrogateFormat::Json)?;
     let media_type = match format {
         SurrogateFormat::Json => "application/json",
         SurrogateFormat::Onnx => "application/onnx",
@@ -79,18 +88,9 @@ pub async fn model(args: SurrogateArgs) -> Result<ExitCode> {
 /// As asked, else by the ending of the file.
 fn format(args: &DatasetArgs) -> Result<DatasetFormat> {
     let output = args.output.as_deref();
-    let format = args.format.unwrap_or_else(|| match ending(output).as_str() {
-        "json" => DatasetFormat::Json,
-        "ndjson" | "jsonl" => DatasetFormat::Ndjson,
-        "parquet" => DatasetFormat::Parquet,
-        _ => DatasetFormat::Csv,
-    });
+    let format = endings::chosen("-o", output, args.format, &DATASETS, DatasetFormat::Csv)?;
     binary(format == DatasetFormat::Parquet, output, "samples.parquet")?;
     Ok(format)
-}
-
-fn ending(path: Option<&Path>) -> String {
-    path.and_then(Path::extension).map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
 /// Refuses to fill a terminal with bytes which are no text.

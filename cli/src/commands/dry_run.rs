@@ -6,11 +6,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use manduca_numerics::parameters::TABLE;
-use manduca_numerics::simulation::Model;
-use manduca_numerics::table::Table;
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::ResolvedStudy;
 use manduca_protocol::study::{Method, StudySpec, SurrogateKind};
+use manduca_server::RunLimits;
 use serde::Serialize;
 
 use crate::args::SubmitArgs;
@@ -18,6 +17,7 @@ use crate::cost::{self, Cost};
 use crate::exit::refused;
 use crate::output::{Output, note};
 use crate::progress::span;
+use crate::render::simulation::Settings as ModelSettings;
 use crate::study_file;
 
 /// What is known of a study before it starts.
@@ -38,8 +38,8 @@ struct Report<'a> {
 #[derive(Debug, Serialize)]
 struct Settings {
     parameters: BTreeMap<&'static str, [f64; 2]>,
-    solver: BTreeMap<&'static str, f64>,
-    insect: BTreeMap<&'static str, f64>,
+    #[serde(flatten)]
+    model: ModelSettings,
 }
 
 impl Settings {
@@ -47,18 +47,16 @@ impl Settings {
         let range = |(i, name): (usize, &'static str)| (name, [study.bounds.lower[i], study.bounds.upper[i]]);
         Self {
             parameters: TABLE.iter().map(|p| p.name).enumerate().map(range).collect(),
-            solver: match &study.model.model {
-                Model::Uvlm(settings) => settings.entries().collect(),
-                Model::QuasiSteady(settings) => settings.entries().collect(),
-            },
-            insect: study.model.insect.entries().collect(),
+            model: ModelSettings::of(&study.model),
         }
     }
 }
 
 /// Checks a study by the coordinator's rules and times its samples.
 pub fn dry_run(args: &SubmitArgs, spec: &StudySpec) -> Result<ExitCode> {
-    let checked = manduca_server::check(spec).map_err(|faults| refused(study_file::listed(&args.study, &faults)))?;
+    let limits = RunLimits::default();
+    let checked =
+        manduca_server::check(spec, &limits).map_err(|faults| refused(study_file::listed(&args.study, &faults)))?;
     note("timing a few samples ...");
     let study = &checked.resolved;
     let flown = (spec.sampling.samples, checked.individuals());
@@ -72,6 +70,12 @@ pub fn dry_run(args: &SubmitArgs, spec: &StudySpec) -> Result<ExitCode> {
     } else {
         print(&mut out, &args.study, &report)?;
     }
+    let limit_s = limits.simulate.as_secs_f64();
+    if report.cost.production_sample_s > limit_s {
+        note(format_args!(
+            "warning: a flight takes longer here than the {limit_s} s which a coordinator gives it (`serve --run-limit`)"
+        ));
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -83,9 +87,9 @@ fn print(out: &mut Output, name: &str, report: &Report<'_>) -> io::Result<()> {
     let numbers = |values: &BTreeMap<&'static str, f64>| {
         values.iter().map(|(name, value)| vec![(*name).to_owned(), value.to_string()]).collect::<Vec<_>>()
     };
-    out.table(&["solver", "value"].map(String::from), &numbers(&settings.solver))?;
+    out.table(&["solver", "value"].map(String::from), &numbers(&settings.model.solver))?;
     out.line("")?;
-    out.table(&["insect (SI)", "value"].map(String::from), &numbers(&settings.insect))?;
+    out.table(&["insect (SI)", "value"].map(String::from), &numbers(&settings.model.insect))?;
     out.line("")?;
     let (model, network) = (&spec.model, &spec.surrogate);
     out.line(format_args!(

@@ -2,13 +2,14 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use manduca_protocol::study::{self, OptimisationSpec};
 
 use super::study::watch;
 use crate::args::{Method, OptimiseArgs};
 use crate::exit::refused;
 use crate::output::{Output, note};
+use crate::text_file;
 
 /// Asks a study for a further optimum.
 pub async fn optimise(args: OptimiseArgs) -> Result<ExitCode> {
@@ -33,9 +34,8 @@ pub async fn optimise(args: OptimiseArgs) -> Result<ExitCode> {
 fn specification(args: &OptimiseArgs) -> Result<OptimisationSpec> {
     let mut spec: OptimisationSpec = match (&args.file, &args.name) {
         (Some(path), _) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-            let read = if json {
+            let text = text_file::read(path)?;
+            let read = if text_file::is_json(path, &text) {
                 serde_json::from_str(&text).map_err(|e| e.to_string())
             } else {
                 toml::from_str(&text).map_err(|e| e.to_string())

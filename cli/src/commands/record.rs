@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use super::vtk;
 use crate::args::RecordArgs;
+use crate::endings;
 use crate::exit::refused;
 use crate::output::note;
 
@@ -40,12 +41,10 @@ impl Records {
     /// From the options, for one case or for many.
     pub fn new(args: &RecordArgs, many: bool) -> Result<Self> {
         let history = args.history.clone().map(|path| history_format(&path).map(|format| (path, format)));
-        let wake = match &args.wake {
-            Some(path) if extension(path) != "json" => {
-                return Err(refused(format!("--wake {}: a wake is written as .json", path.display())));
-            }
-            path => path.clone(),
-        };
+        let wake = args.wake.clone();
+        if let Some(path) = &wake {
+            endings::of("--wake", path, &[("json", ())])?;
+        }
         let vtk = args.vtk.clone();
         let steps = match &args.wake_steps {
             Some(_) if wake.is_none() && vtk.is_none() => {
@@ -98,17 +97,9 @@ fn explained(error: StepsError) -> anyhow::Error {
     refused(format!("--wake-steps: {error}"))
 }
 
-fn extension(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
-}
-
 fn history_format(path: &Path) -> Result<Format> {
-    match extension(path).as_str() {
-        "csv" => Ok(Format::Csv),
-        "json" => Ok(Format::Json),
-        "ndjson" => Ok(Format::NdJson),
-        _ => Err(refused(format!("--history {}: a history is written as .csv, .json or .ndjson", path.display()))),
-    }
+    let known = [("csv", Format::Csv), ("ndjson", Format::NdJson), ("jsonl", Format::NdJson), ("json", Format::Json)];
+    endings::of("--history", path, &known)
 }
 
 /// `folder/name.csv` for a case: `folder/name-case.csv`.
@@ -176,7 +167,7 @@ mod tests {
         assert_eq!(format("a.ndjson").unwrap(), Format::NdJson);
         assert_eq!(format("a.json").unwrap(), Format::Json);
         for name in ["a", "csv", "a.xlsx", "a.csv.gz"] {
-            assert!(format(name).unwrap_err().to_string().contains(".csv, .json or .ndjson"), "{name}");
+            assert!(format(name).unwrap_err().to_string().contains(".csv, .ndjson, .jsonl or .json"), "{name}");
         }
     }
 }

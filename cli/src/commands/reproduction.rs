@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use manduca_numerics::cases::{CASES, Case, case};
 use manduca_numerics::parameters::Bounds;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve;
@@ -108,7 +109,7 @@ pub(super) fn optimum(view: &OptimumView) -> Option<Optimum> {
     });
     Some(Optimum {
         name: view.name.clone(),
-        paper: render::study::published(&view.name),
+        paper: published(&view.name),
         first: Found {
             point: found.parameters.0,
             predicted: Some(render::scaled(&found.predicted)),
@@ -120,6 +121,22 @@ pub(super) fn optimum(view: &OptimumView) -> Option<Optimum> {
     })
 }
 
+/// The published case an optimisation of the paper's studies is compared with, by its name: `case-II` and `optimum 2` mean
+/// the second, `five` Table 4, anything else the first.
+fn published(name: &str) -> &'static Case {
+    let lower = name.to_lowercase();
+    let words: Vec<_> = lower.split(|c: char| !c.is_ascii_alphanumeric()).collect();
+    let means = |any: &[&str]| any.iter().any(|word| words.contains(word));
+    let wanted = if means(&["ii", "2"]) {
+        "optimum-2"
+    } else if means(&["five", "5"]) {
+        if means(&["direct"]) { "five-direct" } else { "five-ann" }
+    } else {
+        "optimum-1"
+    };
+    case(wanted).unwrap_or(&CASES[0])
+}
+
 /// What trim costs: at the refined optimum, else at the first.
 fn prices(view: &OptimumView) -> Option<[f64; 3]> {
     let refined = view.search.as_ref().and_then(|s| s.standing.prices.as_ref());
@@ -127,5 +144,17 @@ fn prices(view: &OptimumView) -> Option<[f64; 3]> {
     match refined {
         Some(p) => Some([p.lift, p.drag, p.pitch_moment]),
         None => first().map(|p| [p.lift, p.drag, p.pitch_moment]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_case_is_known_by_its_name() {
+        let names = ["case-I", "case-II", "Case II, r = 20", "five parameters", "five-direct", "whatever"];
+        let wanted = ["optimum-1", "optimum-2", "optimum-2", "five-ann", "five-direct", "optimum-1"];
+        assert_eq!(names.map(|n| published(n).name), wanted);
     }
 }

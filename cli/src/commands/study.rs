@@ -138,6 +138,9 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
         if let Some(search) = &optimum.breeding {
             out.line(format_args!("flown     {}: {}", optimum.name, render::study::breeding(search)))?;
         }
+        for warning in &optimum.warnings {
+            out.line(format_args!("warning   {}: {warning}", optimum.name))?;
+        }
     }
     out.line(format_args!("time      {}", render::study::stages(&view.stages_s)))?;
     if let Some(eta) = view.eta_s {

@@ -1,10 +1,15 @@
 //! A simulated stroke, beside the paper's where there is one.
 
+use std::collections::BTreeMap;
 use std::io;
 
 use manduca_numerics::cases::Case;
 use manduca_numerics::parameters::OUTPUTS;
+use manduca_numerics::simulation::Model;
+use manduca_numerics::table::Table;
 use manduca_protocol::point::ParameterValues;
+use manduca_protocol::resolve::ResolvedModel;
+use manduca_protocol::study::ModelSpec;
 use manduca_protocol::task::{JointPower, JointPowers, MeansMessage, ScaledEstimates, SimulateOutcome};
 use serde::Serialize;
 
@@ -19,6 +24,10 @@ pub struct Flown {
     pub case: Option<&'static str>,
     /// The stroke.
     pub parameters: ParameterValues,
+    /// The model as a study's `[model]` says it: with the stroke and the version of the numbers all that decides.
+    pub model: ModelSpec,
+    /// The model with every default.
+    pub settings: Settings,
     /// `ok` or `infeasible`.
     pub outcome: &'static str,
     /// Why it is infeasible.
@@ -41,12 +50,49 @@ pub struct Flown {
     pub level: &'static str,
 }
 
+/// Every number of a model.
+#[derive(Debug, Clone, Serialize)]
+pub struct Settings {
+    /// Of the solver.
+    pub solver: BTreeMap<&'static str, f64>,
+    /// Of the insect, SI units.
+    pub insect: BTreeMap<&'static str, f64>,
+}
+
+impl Settings {
+    /// Of a model, in full.
+    pub fn of(model: &ResolvedModel) -> Self {
+        Self {
+            solver: match &model.model {
+                Model::Uvlm(settings) => settings.entries().collect(),
+                Model::QuasiSteady(settings) => settings.entries().collect(),
+            },
+            insect: model.insect.entries().collect(),
+        }
+    }
+}
+
+/// A stroke and the model it is flown with.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a> {
+    /// The case it is exactly, if any.
+    pub case: Option<&'static str>,
+    /// The stroke.
+    pub parameters: ParameterValues,
+    /// The model as it was asked for.
+    pub spec: &'a ModelSpec,
+    /// The same, checked.
+    pub model: &'a ResolvedModel,
+}
+
 impl Flown {
     /// From what the solver says.
-    pub fn new(case: Option<&'static str>, parameters: ParameterValues, outcome: SimulateOutcome, wall_s: f64) -> Self {
+    pub fn new(asked: Asked<'_>, outcome: SimulateOutcome, wall_s: f64) -> Self {
         let mut flown = Self {
-            case,
-            parameters,
+            case: asked.case,
+            parameters: asked.parameters,
+            model: asked.spec.clone(),
+            settings: Settings::of(asked.model),
             outcome: "ok",
             reason: None,
             means: None,
@@ -87,7 +133,8 @@ pub fn one(out: &mut Output, flown: &Flown, paper: Option<&Case>) -> io::Result<
     let (Some(means), Some(scaled), Some(joints)) = (&flown.means, &flown.scaled, &flown.joints) else {
         return out.line(format_args!("infeasible: {}", flown.reason.as_deref().unwrap_or("no reason given")));
     };
-    out.table(&["mean", "scaled ± se", "SI ± se", "paper"].map(String::from), &mean_rows(flown, means, scaled, paper))?;
+    let columns = ["mean", "scaled ± se", "SI ± se"].iter().chain(paper.map(|_| &"paper")).map(|s| (*s).to_owned());
+    out.table(&columns.collect::<Vec<_>>(), &mean_rows(flown, means, scaled, paper))?;
     out.line("")?;
     out.table(&["power [mW]", "aerodynamic", "inertial", "required"].map(String::from), &joint_rows(joints))?;
     out.line(format_args!(
@@ -113,15 +160,13 @@ fn mean_rows(flown: &Flown, means: &MeansMessage, scaled: &ScaledEstimates, pape
     let mut rows: Vec<Vec<String>> = rows
         .map(|((((name, _, symbol, _), scaled), (e, factor, unit)), published)| {
             let si = format!("{:.3} ± {:.3} {unit}", e.mean * factor, e.se * factor);
-            vec![format!("{symbol} {}", name.replace('_', " ")), estimate(&scaled), si, published.unwrap_or_else(dash)]
+            let row = [format!("{symbol} {}", name.replace('_', " ")), estimate(&scaled), si];
+            row.into_iter().chain(paper.map(|_| published.unwrap_or_else(dash))).collect()
         })
         .collect();
-    rows.push(vec![
-        "P/L".into(),
-        dash(),
-        flown.power_per_lift_w_per_n.map_or_else(dash, |p| format!("{p:.3} W/N")),
-        paper.map_or_else(dash, |case| format!("{:.2} W/N", case.paper_power_per_lift)),
-    ]);
+    let per_lift = flown.power_per_lift_w_per_n.map_or_else(dash, |p| format!("{p:.3} W/N"));
+    let theirs = paper.map(|case| format!("{:.2} W/N", case.paper_power_per_lift));
+    rows.push(["P/L".into(), dash(), per_lift].into_iter().chain(theirs).collect());
     rows
 }
 
@@ -138,28 +183,30 @@ fn joint_rows(joints: &JointPowers) -> Vec<Vec<String>> {
 }
 
 /// All cases, one row each.
-pub fn all(out: &mut Output, flown: &[(Flown, &Case)]) -> io::Result<()> {
+///
+/// The paper's numbers stand beside those of its own model.
+pub fn all(out: &mut Output, flown: &[(Flown, &Case, Option<&Case>)]) -> io::Result<()> {
     let header = ["case", "L/W", "paper", "D/W", "M/(W c)", "P [mW]", "paper", "P/L [W/N]", "paper", "seconds"];
-    let row = |(flown, case): &(Flown, &Case)| {
+    let value = |v: Option<f64>, digits: usize| v.map_or_else(dash, |v| fixed(v, digits));
+    let row = |(flown, begun, case): &(Flown, &Case, Option<&Case>)| {
         let scaled = flown.scaled.as_ref();
-        let value = |v: Option<f64>, digits: usize| v.map_or_else(dash, |v| fixed(v, digits));
         vec![
-            case.name.to_owned(),
+            begun.name.to_owned(),
             value(scaled.map(|s| s.lift.mean), 3),
-            value(Some(case.paper_lift), 3),
+            value(case.map(|case| case.paper_lift), 3),
             value(scaled.map(|s| s.drag.mean), 3),
             value(scaled.map(|s| s.pitch_moment.mean), 3),
             value(flown.means.as_ref().map(|m| m.power_w.mean * 1e3), 1),
-            value(case.paper_power_mw, 1),
+            value(case.and_then(|case| case.paper_power_mw), 1),
             value(flown.power_per_lift_w_per_n, 2),
-            value(Some(case.paper_power_per_lift), 2),
+            value(case.map(|case| case.paper_power_per_lift), 2),
             value(Some(flown.wall_s), 2),
         ]
     };
     out.table(&header.map(String::from), &flown.iter().map(row).collect::<Vec<_>>())?;
-    for (flown, case) in flown {
+    for (flown, begun, _) in flown {
         if let Some(reason) = &flown.reason {
-            out.line(format_args!("{}: {reason}", case.name))?;
+            out.line(format_args!("{}: {reason}", begun.name))?;
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use manduca_numerics::cases::{CASES, Case, case};
+use manduca_numerics::cases::{Case, case};
 use manduca_numerics::parameters::OUTPUTS;
 use manduca_protocol::search::Standing;
 use manduca_protocol::task::Optimality;
@@ -14,6 +14,8 @@ use crate::progress::span;
 
 /// Gap of prediction and simulation, scaled, from which on an optimum is to be doubted.
 const DOUBTFUL: f64 = 0.1;
+/// P0 of the paper's hawkmoth, mW, by which its powers are divided here.
+const PAPER_P0_MW: f64 = 84.2;
 
 /// Optima beside the paper's, then what they took.
 pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
@@ -52,48 +54,32 @@ pub fn stages(s: &StageSeconds) -> String {
     known.collect::<Vec<_>>().join(", ")
 }
 
-/// The published case an optimisation asks to be compared with, by its name:
-/// `case-II` and `optimum 2` mean the second, `five` Table 4, anything else the first.
-pub fn published(name: &str) -> &'static Case {
-    let lower = name.to_lowercase();
-    let words: Vec<_> = lower.split(|c: char| !c.is_ascii_alphanumeric()).collect();
-    let means = |any: &[&str]| any.iter().any(|word| words.contains(word));
-    let wanted = if means(&["ii", "2"]) {
-        "optimum-2"
-    } else if means(&["five", "5"]) {
-        if means(&["direct"]) { "five-direct" } else { "five-ann" }
-    } else {
-        "optimum-1"
-    };
-    case(wanted).unwrap_or(&CASES[0])
-}
-
 fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
-    let paper = published(&optimum.name);
-    out.heading(format_args!("{} beside {}", optimum.name, paper.title))?;
+    let paper = optimum.paper.as_deref().and_then(case);
+    match paper {
+        Some(paper) => out.heading(format_args!("{} beside {}", optimum.name, paper.title))?,
+        None => out.heading(&optimum.name)?,
+    }
     let found = optimum.parameters.map(|p| p.0);
     let refined = optimum.refined.as_ref().and_then(|r| r.standing.best.as_ref());
     let refined = refined.map(|best| Some(best.parameters.0));
-    let points: Vec<_> = [found].into_iter().chain(refined).chain([Some(paper.parameters)]).collect();
+    let points: Vec<_> = [found].into_iter().chain(refined).chain(paper.map(|p| Some(p.parameters))).collect();
     let first = if optimum.breeding.is_some() { "generations'" } else { "surrogate's" };
     let columns = if refined.is_some() { vec![first, "refined"] } else { vec!["this study"] };
-    out.table(&header("parameter", &columns), &parameter_rows(&points))?;
+    out.table(&header("parameter", &columns, paper), &parameter_rows(&points))?;
     out.line("")?;
     // Generations do not predict, they fly.
-    let first = if optimum.breeding.is_some() { "searching" } else { "predicted" };
+    let predicted = if optimum.breeding.is_some() { "searching" } else { "predicted" };
     let columns = match refined {
-        Some(_) => vec![first, "simulated ± se", "refined: predicted", "simulated ± se"],
-        None => vec![first, "simulated ± se"],
+        Some(_) => vec![predicted, "simulated ± se", "refined: predicted", "simulated ± se"],
+        None => vec![predicted, "simulated ± se"],
     };
-    out.table(&header("mean", &columns), &means(optimum, paper))?;
+    out.table(&header("mean", &columns, paper), &means(optimum, paper))?;
+    for warning in &optimum.warnings {
+        out.line(format_args!("warning: {warning}"))?;
+    }
     if let Some(search) = &optimum.breeding {
         out.line(breeding(search))?;
-    }
-    if let Some(search) = &optimum.refined {
-        out.line(refinement(search))?;
-        if let Some(line) = trimmed(search) {
-            out.line(line)?;
-        }
     }
     if let Some(reason) = &optimum.infeasible {
         out.line(format_args!("the optimum cannot be flown: {reason}"))?;
@@ -101,24 +87,42 @@ fn one(out: &mut Output, optimum: &OptimumResult) -> io::Result<()> {
     if let Some(doubt) = doubt(optimum) {
         out.line(doubt)?;
     }
-    if let Some(clearance) = optimum.clearance_mm {
-        out.line(format_args!("the wings keep {clearance:.2} mm from the plane of symmetry"))?;
+    // Each line names the stroke it is of.
+    let of = format!("{first} optimum");
+    if let Some(known) = &optimum.optimality {
+        optimality(out, &of, known)?;
     }
-    optimum.optimality.as_ref().map_or(Ok(()), |known| optimality(out, known))
+    room(out, &of, optimum.clearance_mm)?;
+    if let Some(search) = &optimum.refined {
+        out.line(refinement(search))?;
+        if let Some(line) = trimmed(search) {
+            out.line(format_args!("refined optimum: {line}"))?;
+        }
+    }
+    room(out, "refined optimum", optimum.refined_clearance_mm)
+}
+
+/// How far the wings stay apart.
+fn room(out: &mut Output, of: &str, clearance_mm: Option<f64>) -> io::Result<()> {
+    match clearance_mm {
+        Some(mm) if mm < 0.0 => out.line(format_args!("{of}: the wings cross the plane of symmetry by {:.2} mm", -mm)),
+        Some(mm) => out.line(format_args!("{of}: the wings keep {mm:.2} mm from the plane of symmetry")),
+        None => Ok(()),
+    }
 }
 
 /// What constraints cost and how exact the optimum is.
-fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
+fn optimality(out: &mut Output, of: &str, known: &Optimality) -> io::Result<()> {
     let prices = &known.multipliers;
     out.line(format_args!(
-        "P+ rises by {} per unit of L+, {} of D+, {} of M+, {} per mm of clearance",
+        "{of}: P+ rises by {} per unit of L+, {} of D+, {} of M+, {} per mm of clearance",
         fixed(prices.lift, 4),
         fixed(prices.drag, 4),
         fixed(prices.pitch_moment, 4),
         fixed(prices.clearance_per_mm, 4)
     ))?;
     out.line(format_args!(
-        "{} of {} descents converged, to {} {}; KKT residual {:.1e}, violation {:.1e}",
+        "{of}: {} of {} descents converged, to {} {}; KKT residual {:.1e}, violation {:.1e}",
         known.converged,
         known.starts,
         known.optima.len(),
@@ -128,8 +132,8 @@ fn optimality(out: &mut Output, known: &Optimality) -> io::Result<()> {
     ))
 }
 
-fn header(first: &str, columns: &[&str]) -> Vec<String> {
-    [first].iter().chain(columns).chain(&["paper"]).map(|s| (*s).to_owned()).collect()
+fn header(first: &str, columns: &[&str], paper: Option<&Case>) -> Vec<String> {
+    [first].iter().chain(columns).chain(paper.map(|_| &"paper")).map(|s| (*s).to_owned()).collect()
 }
 
 /// What generations cost and how they ended.
@@ -167,7 +171,7 @@ fn doubt(optimum: &OptimumResult) -> Option<String> {
         .then(|| format!("the network is off by {worst:.2} here: more samples would make a better optimum"))
 }
 
-fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
+fn means(optimum: &OptimumResult, paper: Option<&Case>) -> Vec<Vec<String>> {
     let predicted = optimum.predicted.as_ref().map(scaled);
     let simulated = optimum.simulated.as_ref().map(estimates);
     let standing = optimum.refined.as_ref().map(|r| &r.standing);
@@ -175,7 +179,8 @@ fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
         let simulated = s.best.as_ref().and_then(|best| best.scaled.as_ref()).map(estimates);
         (s.predicted.as_ref().map(scaled), simulated)
     });
-    let published = [Some(paper.paper_lift), Some(0.0), Some(0.0), paper.paper_power_mw.map(|p| p / 84.2)];
+    let published = paper
+        .map(|paper| [Some(paper.paper_lift), Some(0.0), Some(0.0), paper.paper_power_mw.map(|p| p / PAPER_P0_MW)]);
     let mut rows: Vec<Vec<String>> = OUTPUTS
         .iter()
         .enumerate()
@@ -189,7 +194,7 @@ fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
                 row.push(predicted.map_or_else(dash, |p| fixed(p[i], 4)));
                 row.push(simulated.as_ref().map_or_else(dash, |s| estimate(&s[i])));
             }
-            row.push(published[i].map_or_else(dash, |p| format!("{p:.3}")));
+            row.extend(published.map(|published| published[i].map_or_else(dash, |p| format!("{p:.3}"))));
             row
         })
         .collect();
@@ -199,7 +204,7 @@ fn means(optimum: &OptimumResult, paper: &Case) -> Vec<Vec<String>> {
         last.push(dash());
         last.push(standing.and_then(|s| s.power_per_lift_w_per_n).map_or_else(dash, |p| format!("{p:.3}")));
     }
-    last.push(format!("{:.2}", paper.paper_power_per_lift));
+    last.extend(paper.map(|paper| format!("{:.2}", paper.paper_power_per_lift)));
     rows.push(last);
     rows
 }
@@ -212,13 +217,6 @@ mod tests {
     use manduca_protocol::point::ParameterValues;
     use manduca_protocol::task::{Estimate, Prices, Scaled, ScaledEstimates};
     use manduca_protocol::view::{OptimumStatus, SampleCounts, StudyState};
-
-    #[test]
-    fn a_case_is_known_by_its_name() {
-        let names = ["case-I", "case-II", "Case II, r = 20", "five parameters", "five-direct", "whatever"];
-        let wanted = ["optimum-1", "optimum-2", "optimum-2", "five-ann", "five-direct", "optimum-1"];
-        assert_eq!(names.map(|n| published(n).name), wanted);
-    }
 
     #[test]
     fn the_answer_stands_beside_the_papers() {
@@ -236,7 +234,12 @@ mod tests {
             }),
             infeasible: None,
             power_per_lift_w_per_n: Some(4.56),
+            stopped: None,
             clearance_mm: Some(0.5),
+            refined_clearance_mm: None,
+            clearance_margin_mm: Some(0.0),
+            paper: Some("optimum-1".into()),
+            warnings: vec!["no stroke in trim was found".into()],
             breeding: None,
             optimality: Some(Optimality {
                 multipliers: Prices {
@@ -276,7 +279,10 @@ mod tests {
             "4.50",
             "300 flown, 2 infeasible",
             "0.6012 per unit of L+",
-            "190 of 200 descents",
+            "surrogate's optimum: 190 of 200 descents",
+            "surrogate's optimum: the wings keep 0.50 mm",
+            "warning: no stroke in trim was found",
+            "beside optimum I",
             "3.0e-11",
             "sampling 1 min 01 s",
         ] {

@@ -155,8 +155,8 @@ fn what_cannot_be_recorded_is_refused_before_the_flight() {
         (&["--wake", "w.json", "--wake-steps", "seven"], "expected last, all, all/N, or STROKE:STEP"),
         (&["--wake-steps", "last"], "--vtk DIR"),
         (&["--model", "quasi-steady", "--vtk", "flight"], "no wake"),
-        (&["--wake", "w.csv"], "written as .json"),
-        (&["--history", "h.xlsx"], ".csv, .json or .ndjson"),
+        (&["--wake", "w.csv"], "must end in .json"),
+        (&["--history", "h.xlsx"], ".csv, .ndjson, .jsonl or .json"),
         (&["--model", "quasi-steady", "--wake", "w.json"], "no wake"),
     ] {
         // Blade elements refuse the lattice's settings.

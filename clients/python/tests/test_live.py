@@ -88,6 +88,9 @@ def test_predictions_keep_shape_and_order(study: manduca.Study) -> None:
     listed = study.predict(points)
     assert table.to_dict("records") == listed
     assert study.predict(points[2]) == listed[2]
+    assert listed[0].test_rmse == table.attrs["test_rmse"] == study.surrogate()["test"]["rmse"]
+    with pytest.warns(UserWarning, match="frequency_hz"):
+        study.predict(points[2] | {"frequency_hz": 299.0})
     # More than the coordinator takes at once.
     assert study.predict(points * 90)[-1] == listed[-1]
     assert len(study.predict(points * 90)) == 90 * len(points) > 1000

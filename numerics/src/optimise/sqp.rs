@@ -4,6 +4,7 @@
 //! optimum of its Eq. 8 is that of the constrained problem solved here, which a
 //! search by values alone only approaches: the penalty is a narrow valley with a kink.
 
+mod clear;
 mod flight;
 #[cfg(test)]
 mod flight_tests;
@@ -14,6 +15,7 @@ mod starts;
 #[cfg(test)]
 mod tests;
 
+pub use clear::cleared;
 pub use flight::{Differentiable, Flight};
 pub use linear::{Linear, Multipliers};
 pub use machine::{Sqp, SqpStop};

@@ -19,11 +19,10 @@
 //!
 //! The shapes K and C enter by how sharp they make the reversals (`sharpness.rs`).
 
-use super::settings::TrainError;
 use super::{Network, Sample, sharpness};
 use crate::insect::Insect;
 use crate::math::sin_cos;
-use crate::parameters::{Bounds, COUNT, OUTPUTS, Point, at};
+use crate::parameters::{Bounds, COUNT, Point, at};
 
 /// What the networks learn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -38,6 +37,10 @@ pub enum Features {
 /// A label's standard error at which a sample counts half: a typical error of the network
 /// itself, in scaled units at the reference frequency.
 const MODEL_ERROR: f64 = 0.015;
+/// Spread over the largest label below which labels differ by rounding only.
+const ROUNDING: f64 = 1e-12;
+/// Labels below this, in scaled units, are rounding of others: then their spread is compared with this.
+const SMALL: f64 = 1e-2;
 /// Least factor of a sample's residuals.
 const LEAST_WEIGHT: f64 = 0.1;
 
@@ -219,6 +222,14 @@ impl Frame {
     }
 }
 
+/// The value of labels which differ by rounding only: such as a moment which does not depend on the one parameter
+/// that is free.
+pub(crate) fn constant(labels: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let (low, high) = labels.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
+    let largest = low.abs().max(high.abs());
+    (high - low <= ROUNDING * largest.max(SMALL)).then(|| labels.clone().next()).flatten()
+}
+
 impl Part {
     fn push(&mut self, x: Point, y: [f64; 4], weight: f64) {
         self.xs.push(x);
@@ -234,15 +245,22 @@ impl Part {
         residuals.map(|(f, y)| (f - y) * (f - y)).sum::<f64>() / (4 * self.ys.len()) as f64
     }
 
-    /// Mean of each output, refusing constant ones.
-    pub(crate) fn means(&self) -> Result<[f64; 4], TrainError> {
-        let mut means = [0.0; 4];
-        for (k, mean) in means.iter_mut().enumerate() {
-            if self.ys.iter().all(|y| y[k] == self.ys[0][k]) {
-                return Err(TrainError::ConstantOutput { output: OUTPUTS[k].0 });
-            }
-            *mean = self.ys.iter().map(|y| y[k]).sum::<f64>() / self.ys.len() as f64;
+    /// Mean of each output.
+    pub(crate) fn means(&self) -> [f64; 4] {
+        std::array::from_fn(|k| self.ys.iter().map(|y| y[k]).sum::<f64>() / self.ys.len() as f64)
+    }
+
+    /// The outputs which are the same in every sample but for rounding, with their value.
+    pub(crate) fn constants(&self) -> [Option<f64>; 4] {
+        std::array::from_fn(|k| constant(self.ys.iter().map(|y| y[k])))
+    }
+
+    /// Takes known constants away: what is left of a constant output is 0.
+    pub(crate) fn without(mut self, constants: &[Option<f64>; 4]) -> Self {
+        for (k, constant) in constants.iter().enumerate() {
+            let Some(constant) = constant else { continue };
+            self.ys.iter_mut().for_each(|y| y[k] -= constant);
         }
-        Ok(means)
+        self
     }
 }

@@ -27,13 +27,19 @@ impl Split {
     }
 }
 
+/// How many of `count` samples are for training, for validation and for testing.
+pub(crate) fn sizes(count: usize, train_share: f64, validation_share: f64) -> [usize; 3] {
+    let part = |share: f64| ((count as f64) * share).round() as usize;
+    let train = part(train_share).min(count);
+    let validation = part(validation_share).min(count - train);
+    [train, validation, count - train - validation]
+}
+
 /// A random split of `count` samples by the given shares; the rest is for testing.
 pub(crate) fn split(count: usize, train_share: f64, validation_share: f64, seed: u64) -> Split {
     let mut order: Vec<usize> = (0..count).collect();
     shuffle(&mut order, &mut Streams::new(seed).stream(SPLIT_STREAM));
-    let part = |share: f64| ((count as f64) * share).round() as usize;
-    let train = part(train_share).min(count);
-    let validation = part(validation_share).min(count - train);
+    let [train, validation, _] = sizes(count, train_share, validation_share);
     let sorted = |slice: &[usize]| {
         let mut indices = slice.to_vec();
         indices.sort_unstable();
@@ -73,7 +79,7 @@ pub(crate) fn nguyen_widrow(bounds: &Bounds, h: usize, means: [f64; 4], seed: u6
             if bounds.is_held(i) { 0.0 } else { w }
         });
         let norm = row.iter().map(|w| w * w).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
-        for w in &mut row {
+        for w in row.iter_mut().filter(|w| **w != 0.0) {
             *w *= length / norm;
         }
         let even = if h > 1 { 2.0 * j as f64 / (h - 1) as f64 - 1.0 } else { 0.0 };

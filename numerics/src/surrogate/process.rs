@@ -17,7 +17,7 @@ use self::kernel::{Packed, Slopes, Values};
 use super::features::Frame;
 use super::network::{NetworkError, bad_bounds};
 use super::{Jacobian, kernel::dispatch};
-use crate::parameters::{Bounds, Point};
+use crate::parameters::{Bounds, COUNT, Point};
 use rayon::prelude::*;
 
 /// Points predicted by one parallel task.
@@ -59,6 +59,13 @@ pub struct ProcessOutput {
     pub mean: f64,
     /// Weights w, one per point.
     pub weights: Vec<f64>,
+}
+
+impl ProcessOutput {
+    /// One which is the same everywhere, whatever the points.
+    fn constant(mean: f64, points: usize) -> Self {
+        Self { lengths: [1.0; COUNT], amplitude: 1.0, noise: 0.0, mean, weights: vec![0.0; points] }
+    }
 }
 
 impl Process {

@@ -65,6 +65,27 @@ impl Default for TrainSettings {
     }
 }
 
+/// A part of the split.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The weights are fitted to it.
+    Training,
+    /// It says when to stop.
+    Validation,
+    /// It judges the result.
+    Testing,
+}
+
+impl std::fmt::Display for Part {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Training => "training",
+            Self::Validation => "validation",
+            Self::Testing => "testing",
+        })
+    }
+}
+
 /// Why there is nothing to train.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainError {
@@ -74,7 +95,7 @@ pub enum TrainError {
         /// How many samples were given.
         samples: usize,
         /// Which part is too small.
-        part: &'static str,
+        part: Part,
         /// How many it would hold.
         found: usize,
     },
@@ -96,12 +117,6 @@ pub enum TrainError {
         /// Place of the sample.
         index: usize,
     },
-    /// An output is the same in every training sample, so there is nothing to learn.
-    #[error("output {output} is the same in every training sample")]
-    ConstantOutput {
-        /// Name of the output.
-        output: &'static str,
-    },
     /// The shares are not fractions which leave something for testing.
     #[error("shares must be above 0 and below 1 together; got {train} and {validation}")]
     Shares {
@@ -122,9 +137,6 @@ pub enum TrainError {
         /// Place in the parameter table.
         index: usize,
     },
-    /// Every parameter is held, or changes only what is known exactly.
-    #[error("no parameter is free which a network could learn from")]
-    NothingFree,
     /// The number of networks is out of range.
     #[error("{ensemble} networks; 1 to {MOST_NETWORKS} are possible")]
     Ensemble {
@@ -134,6 +146,24 @@ pub enum TrainError {
     /// A checkpoint is of other settings or other samples.
     #[error("the checkpoint does not fit: {0}")]
     Checkpoint(&'static str),
+}
+
+/// Checks how many of `samples` samples each part of the split would hold: known before any is flown.
+///
+/// # Errors
+/// When the shares make no split, or one with a part of fewer than two samples.
+pub fn check_sizes(samples: usize, settings: &TrainSettings) -> Result<[usize; 3], TrainError> {
+    let (train, validation) = (settings.train_share, settings.validation_share);
+    if !(train > 0.0 && validation > 0.0 && train + validation < 1.0) {
+        return Err(TrainError::Shares { train, validation });
+    }
+    let sizes = initial::sizes(samples, train, validation);
+    for (part, found) in [Part::Training, Part::Validation, Part::Testing].into_iter().zip(sizes) {
+        if found < FEWEST {
+            return Err(TrainError::TooFewSamples { samples, part, found });
+        }
+    }
+    Ok(sizes)
 }
 
 /// Checks everything training relies on and splits the samples.
@@ -148,10 +178,6 @@ pub(crate) fn checked_split(
     if !(1..=MOST_NEURONS).contains(&settings.neurons) {
         return Err(TrainError::Neurons { neurons: settings.neurons });
     }
-    let (train, validation) = (settings.train_share, settings.validation_share);
-    if !(train > 0.0 && validation > 0.0 && train + validation < 1.0) {
-        return Err(TrainError::Shares { train, validation });
-    }
     if !(1..=MOST_NETWORKS).contains(&settings.ensemble) {
         return Err(TrainError::Ensemble { ensemble: settings.ensemble });
     }
@@ -159,15 +185,8 @@ pub(crate) fn checked_split(
     if let Some(index) = samples.iter().position(|s| !s.x.iter().chain(&s.y).chain(&s.se).all(sound)) {
         return Err(TrainError::NotFinite { index });
     }
-    let split = initial::split(samples.len(), train, validation, settings.seed);
-    let parts = [("training", &split.train), ("validation", &split.validation), ("testing", &split.test)];
-    for (part, indices) in parts {
-        if indices.len() < FEWEST {
-            let found = indices.len();
-            return Err(TrainError::TooFewSamples { samples: samples.len(), part, found });
-        }
-    }
-    Ok(split)
+    check_sizes(samples.len(), settings)?;
+    Ok(initial::split(samples.len(), settings.train_share, settings.validation_share, settings.seed))
 }
 
 /// Refuses a checkpoint which is not one of such a training.

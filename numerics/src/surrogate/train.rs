@@ -4,7 +4,7 @@ use super::errors::{Errors, errors};
 use super::features::{Frame, Part};
 use super::initial::{self, Split};
 use super::kernel::scaled;
-use super::levenberg::{Levenberg, Model, Outcome};
+use super::levenberg::{Change, Levenberg, Model, Outcome};
 use super::normal::Normal;
 use super::products::Data;
 use super::projection::Projection;
@@ -129,8 +129,11 @@ pub fn train(
     let frame = Frame::new(settings.features, data.insect, data.bounds);
     let inside = frame.bounds(data.bounds);
     let parts = [&split.train, &split.validation, &split.test].map(|p| frame.part(data.samples, p));
-    let means = parts[0].means()?;
-    let mut model = model(&parts[0], &inside, settings)?;
+    let constants = constants(&parts[0], &inside);
+    let parts = parts.map(|part| part.without(&constants));
+    let mut model = model(&parts[0], &inside, settings, &constants);
+    let means = parts[0].means();
+    let means = std::array::from_fn(|k| if constants[k].is_some() { 0.0 } else { means[k] });
     let first = |seed| initial::nguyen_widrow(&inside, settings.neurons, means, seed);
     let mut at = match start {
         Some(checkpoint) => {
@@ -149,7 +152,24 @@ pub fn train(
         }
         at = begin(first(initial::member_seed(settings.seed, done)), model.as_mut(), &parts, at.members);
     }
+    for member in &mut at.members {
+        for (bias, constant) in member.network.output_biases.iter_mut().zip(constants) {
+            // What was taken away from the labels is all there is of a constant output.
+            *bias = constant.unwrap_or(*bias);
+        }
+    }
     finish(at.members, frame, split, data.samples)
+}
+
+/// The outputs which depend on nothing that is free, with their values: those which are the same in every sample,
+/// and all where only what the frame's laws know is free; then noise is averaged.
+fn constants(part: &Part, inside: &Bounds) -> [Option<f64>; 4] {
+    let known = part.constants();
+    if (0..COUNT).any(|i| !inside.is_held(i)) {
+        return known;
+    }
+    let means = part.means();
+    std::array::from_fn(|k| known[k].or(Some(means[k])))
 }
 
 fn finish(members: Vec<Member>, frame: Frame, split: Split, samples: &[Sample]) -> Result<Training, TrainError> {
@@ -164,18 +184,36 @@ fn finish(members: Vec<Member>, frame: Frame, split: Split, samples: &[Sample]) 
 }
 
 /// The least-squares problem of a training part.
-fn model(part: &Part, inside: &Bounds, settings: &TrainSettings) -> Result<Box<dyn Model>, TrainError> {
-    let free: Vec<usize> = (0..COUNT).filter(|&i| !inside.is_held(i)).collect();
-    if free.is_empty() {
-        return Err(TrainError::NothingFree);
+fn model(part: &Part, inside: &Bounds, settings: &TrainSettings, constants: &[Option<f64>; 4]) -> Box<dyn Model> {
+    if constants.iter().all(Option::is_some) {
+        return Box::new(Solved);
     }
+    let free: Vec<usize> = (0..COUNT).filter(|&i| !inside.is_held(i)).collect();
     let rows: Vec<Point> = part.xs.iter().map(|x| scaled(inside, x)).collect();
     let inputs = free.iter().map(|&i| rows.iter().map(|z| z[i]).collect()).collect();
-    let data = Data { free, inputs, points: part.xs.clone(), targets: part.ys.clone(), weights: part.weights.clone() };
-    Ok(match settings.method {
+    // The rest of a constant output is rounding, which is not to be learnt.
+    let target = |y: &[f64; 4]| std::array::from_fn(|k| if constants[k].is_some() { 0.0 } else { y[k] });
+    let targets = part.ys.iter().map(target).collect();
+    let data = Data { free, inputs, points: part.xs.clone(), targets, weights: part.weights.clone() };
+    match settings.method {
         Method::VariableProjection => Box::new(Projection::new(data, settings.neurons)),
         Method::LevenbergMarquardt => Box::new(Normal::new(data, settings.neurons)),
-    })
+    }
+}
+
+/// The problem of constants: the first network is the best one.
+struct Solved;
+
+impl Model for Solved {
+    fn objective(&mut self, _: &mut Network) -> Option<f64> {
+        Some(0.0)
+    }
+    fn linearise(&mut self, _: &Network) -> f64 {
+        0.0
+    }
+    fn step(&mut self, _: f64) -> Option<Change> {
+        None
+    }
 }
 
 /// The iteration with the smallest validation error, the first of equals.

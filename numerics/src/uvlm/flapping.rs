@@ -6,6 +6,7 @@ use crate::kinematics::{Attitude, Clock, Stroke};
 use crate::simulation::{Infeasible, Means, Moment, Simulation, StrokeMean};
 use crate::uvlm::first_row::first_row;
 use crate::uvlm::geometry::{Flat, Lattice, Planform, Pose};
+use crate::uvlm::limit::{Limit, Loads};
 use crate::uvlm::{Air, Cores, Settings, Solver, Suction};
 
 /// Flies all strokes and returns the mean of each; none when `watch`, shown every step, said not
@@ -24,10 +25,11 @@ pub fn fly(
     let mut solver = solver(insect, settings, &stroke, body.air());
     let clock = Clock::new(&stroke, &solver.lattice().trailing, settings.steps_per_stroke, settings.steps_by_speed);
     let mut power = FinePower::new(&body, &stroke, &clock);
+    let limit = Limit::new(insect, &Planform::of_insect(insect, settings), &stroke, &body.air());
     let mut means = Vec::with_capacity(settings.strokes);
     while wants_more(&means, settings, insect) {
         let number = means.len() + 1;
-        let mut cycle = Cycle::new(&body);
+        let (mut cycle, mut loads) = (Cycle::new(&body), Loads::default());
         for step in 0..settings.steps_per_stroke {
             let dt = (clock.phase(step as f64) - clock.phase(step as f64 - 1.0)) * stroke.period();
             let angles = stroke.angles(clock.phase(step as f64));
@@ -37,10 +39,14 @@ pub fn fly(
                 .ok_or(Infeasible::BlowUp { stroke: number })?;
             power.add(&attitude, &load.moment);
             let (phase, share) = (clock.phase(step as f64), clock.weight(step));
+            loads.add(&load, share);
             let snapshot = cycle.add(&angles, &attitude, &load, share);
             if !watch(&Moment { stroke: number, step, phase, share, snapshot }, Some(&solver)) {
                 return Ok(None);
             }
+        }
+        if let Some(times) = limit.exceeded(&loads).filter(|_| number > settings.strokes_dropped) {
+            return Err(Infeasible::Beyond { stroke: number, times });
         }
         means.push(cycle.mean_with(power.take()));
     }

@@ -1,5 +1,6 @@
 //! Every choice of the vortex lattice, as data.
 
+use crate::insect::Insect;
 use crate::table::table;
 
 table! {
@@ -75,6 +76,68 @@ impl Settings {
         if self.strokes_kept() < 1 {
             return Err(("strokes_dropped", format!("drops all {} strokes", self.strokes)));
         }
+        // Where more may be flown, two more are: then there are three.
+        if self.strokes_kept() < 2 && self.strokes + 2 > self.strokes_most {
+            let why = format!("leaves one of {} strokes, and the standard error of one is unknown", self.strokes);
+            return Err(("strokes_dropped", why));
+        }
         Ok(())
+    }
+
+    /// The largest core of bound segments which the panels of a wing allow, in mean chords: cores as wide as panels
+    /// blur them into each other, and the lattice blows up. With 1 to 12 panels along the chord and 6 and 17 along the
+    /// wing it does from 1.5 to 3 times this on.
+    pub fn most_bound_core(&self, insect: &Insect) -> f64 {
+        let strip =
+            (1.0 - insect.root_cutout) * insect.wing_length_m / insect.mean_chord_m / self.spanwise_panels as f64;
+        (0.25 / self.chordwise_panels as f64).min(0.5 * strip)
+    }
+
+    /// Checks what only a wing shows.
+    ///
+    /// # Errors
+    /// The field and the reason.
+    pub fn check_on(&self, insect: &Insect) -> Result<(), (&'static str, String)> {
+        let (most, core) = (self.most_bound_core(insect), self.bound_core);
+        if core > most.max(Self::default().bound_core) {
+            let why = format!(
+                "{core} c is too wide for {} x {} panels: the lattice would blow up; at most {most:.3} c",
+                self.chordwise_panels, self.spanwise_panels
+            );
+            return Err(("bound_core", why));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_stroke_kept_has_no_standard_error_and_is_refused() {
+        let refused = |strokes, strokes_dropped, strokes_most| {
+            let settings = Settings { strokes, strokes_dropped, strokes_most, ..Settings::default() };
+            settings.check().err().map(|(field, _)| field)
+        };
+        for (strokes, dropped, most) in [(1, 0, 1), (5, 4, 5), (5, 4, 6), (1, 0, 2), (4, 4, 20), (3, 9, 20)] {
+            assert_eq!(refused(strokes, dropped, most), Some("strokes_dropped"), "{strokes} {dropped} {most}");
+        }
+        // Two more are flown where they may be.
+        for (strokes, dropped, most) in [(2, 0, 2), (6, 4, 6), (5, 4, 7), (1, 0, 20), (10, 4, 20)] {
+            assert_eq!(refused(strokes, dropped, most), None, "{strokes} {dropped} {most}");
+        }
+    }
+
+    #[test]
+    fn a_core_must_fit_the_panels() {
+        let hawkmoth = Insect::default();
+        let fits = |chordwise_panels, spanwise_panels, bound_core| {
+            Settings { chordwise_panels, spanwise_panels, bound_core, ..Settings::default() }
+                .check_on(&hawkmoth)
+                .is_ok()
+        };
+        assert!(fits(6, 17, 0.001) && fits(6, 17, 0.04) && fits(1, 6, 0.2) && fits(32, 48, 0.001));
+        assert!(!fits(6, 17, 0.1) && !fits(6, 17, 0.05) && !fits(2, 6, 0.25) && !fits(1, 48, 0.2));
     }
 }

@@ -15,6 +15,8 @@ use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::Problem;
 use manduca_protocol::resolve::{self, ResolvedModel, ResolvedOptimisation};
 use manduca_protocol::study::{OptimisationSpec, StudySpec};
+use manduca_protocol::task::Scaled;
+use manduca_protocol::view::PredictionResponse;
 use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
@@ -73,6 +75,7 @@ async fn front(
 ) -> Result<Response, ApiError> {
     let head = state.store().study_head(study).await?;
     let asked = Asked::new(study, &head.spec, &params)?;
+    let asked = Asked { test_rmse: state.store().test_errors_of(head.study).await?.map(|test| test.rmse), ..asked };
     let surrogate = surrogate(&state, asker, head.study).await?;
     let answer =
         state.turns().take(asked.key(), asker, state.stopping(), move |on| asked.answer(&surrogate, on)).await?;
@@ -88,6 +91,8 @@ struct Asked {
     model: ResolvedModel,
     margin_m: f64,
     how: ResolvedOptimisation,
+    /// Errors of the surrogate.
+    test_rmse: Option<Scaled>,
 }
 
 /// Why there is no front.
@@ -120,8 +125,8 @@ impl Asked {
             return Err(ApiError::query("/quantity", "it is held: there is no front"));
         }
         how.sqp.starts = how.sqp.starts.min(MOST_STARTS);
-        let (optimisation, margin_m) = (params.optimisation.clone(), found.clearance_margin_mm * 1e-3);
-        Ok(Self { study, optimisation, quantity, points, model: resolved.model, margin_m, how })
+        let (optimisation, margin_m) = (params.optimisation.clone(), found.margin_m());
+        Ok(Self { study, optimisation, quantity, points, model: resolved.model, margin_m, how, test_rmse: None })
     }
 
     fn key(&self) -> Key {
@@ -146,6 +151,8 @@ impl Asked {
             free: optimum.as_ref().map(|o| o.point[self.quantity]),
             least_power: optimum.as_ref().map(|o| o.outputs[3]),
             points: points.iter().map(|(side, point)| self.point(*side, point)).collect(),
+            by: Some(PredictionResponse::BY.into()),
+            test_rmse: self.test_rmse,
         };
         Ok(Some(serde_json::to_vec(&view)?.into()))
     }

@@ -14,6 +14,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::auth::Caller;
+use crate::config::RunLimits;
+use crate::effort;
 use crate::error::ApiError;
 use crate::http::body::JsonBody;
 use crate::http::parts::Id;
@@ -84,7 +86,7 @@ async fn add(
     JsonBody(spec): JsonBody<OptimisationSpec>,
 ) -> Result<Response, ApiError> {
     let head = state.store().study_head(study).await?;
-    check(&spec, &head.spec)?;
+    check(&spec, &head.spec, &state.config().run_limits)?;
     let name = spec.name.clone();
     let created = state.store().run(AddOptimisation { study, spec, by: caller.named() }).await?;
     let status = if created { StatusCode::CREATED } else { StatusCode::OK };
@@ -97,7 +99,7 @@ async fn add(
 }
 
 /// Checks it inside the bounds of its study.
-fn check(spec: &OptimisationSpec, asked: &StudySpec) -> Result<(), ApiError> {
+fn check(spec: &OptimisationSpec, asked: &StudySpec, limits: &RunLimits) -> Result<(), ApiError> {
     let corrupt = |faults: Vec<FieldProblem>| {
         let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
         ApiError::from(StoreError::Corrupt(faults.join("; ")))
@@ -105,6 +107,7 @@ fn check(spec: &OptimisationSpec, asked: &StudySpec) -> Result<(), ApiError> {
     let study = resolve::study(asked).map_err(corrupt)?;
     let mut faults = resolve::optimisation(spec, &study.bounds, asked.seed).err().unwrap_or_default();
     faults.extend(resolve::name(&spec.name, "/name"));
+    faults.extend(effort::verification(spec, &study, limits, ""));
     if asked.sampling.samples == 0 && !spec.is_direct() {
         faults.push(FieldProblem::new(
             "/method",

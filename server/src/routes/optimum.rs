@@ -33,7 +33,11 @@ async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Resul
         state: head.state(),
         samples: SampleCounts { succeeded: samples.succeeded, infeasible: samples.infeasible, dead: samples.dead },
         surrogate: test.map(|test| SurrogateErrors { rmse: test.rmse }),
-        optimisations: optima.into_iter().map(flat).collect(),
+        optimisations: optima
+            .into_iter()
+            .zip(&head.spec.optimisations)
+            .map(|(view, asked)| OptimumResult { clearance_margin_mm: Some(asked.clearance_margin_mm), ..flat(view) })
+            .collect(),
         stages_s: store.stage_seconds(head.study, state.now_ms()).await?,
         solver_version: head.solver_version,
     }))
@@ -55,7 +59,12 @@ fn flat(view: OptimumView) -> OptimumResult {
         simulated,
         infeasible,
         power_per_lift_w_per_n,
+        stopped: view.optimum.as_ref().map(|o| o.stopped.clone()),
         clearance_mm: view.optimum.as_ref().map(|o| o.clearance_mm),
+        refined_clearance_mm: view.refined_clearance_mm,
+        clearance_margin_mm: None,
+        paper: view.paper,
+        warnings: view.warnings,
         breeding: view.breeding,
         refined: view.search,
         optimality: view.optimum.and_then(|o| o.optimality),

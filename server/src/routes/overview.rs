@@ -176,7 +176,7 @@ async fn throughput(
 /// Counts times by interval; an interval has a whole number of seconds.
 fn over_time(times: &[i64], intervals: u32) -> ThroughputView {
     let Some((first, last)) = times.iter().min().zip(times.iter().max()) else {
-        return ThroughputView { from: None, interval_s: 1.0, results: Vec::new() };
+        return ThroughputView { from: None, interval_s: 1.0, results: Vec::new(), busy_s: None };
     };
     let interval_ms = ((last - first) / i64::from(intervals) / 1000 + 1) * 1000;
     let count = usize::try_from((last - first) / interval_ms).unwrap_or(0) + 1;
@@ -186,7 +186,21 @@ fn over_time(times: &[i64], intervals: u32) -> ThroughputView {
             *n += 1;
         }
     }
-    ThroughputView { from: Some(rfc3339(*first)), interval_s: interval_ms as f64 / 1000.0, results }
+    let busy_s = Some(busy_ms(times.to_vec()) as f64 / 1000.0);
+    ThroughputView { from: Some(rfc3339(*first)), interval_s: interval_ms as f64 / 1000.0, results, busy_s }
+}
+
+/// Gaps between results longer than this, and than ten of its long ones, are pauses, ms.
+const PAUSE_MS: i64 = 10_000;
+
+/// Time in which results came in, at least a second: all gaps between them but the pauses, ms.
+fn busy_ms(mut times: Vec<i64>) -> i64 {
+    times.sort_unstable();
+    let mut gaps: Vec<i64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_unstable();
+    let long = gaps.get(gaps.len() * 9 / 10).copied().unwrap_or(0);
+    let pause = PAUSE_MS.max(10 * long);
+    gaps.iter().filter(|gap| **gap <= pause).sum::<i64>().max(1000)
 }
 
 /// Jobs which failed or cannot be flown, alike ones together.
@@ -250,6 +264,19 @@ mod tests {
         let one = over_time(&[7], 200);
         assert_eq!((one.results, one.from.as_deref()), (vec![1], Some("1970-01-01T00:00:00.007Z")));
         assert!(over_time(&[], 200).from.is_none());
+    }
+
+    #[test]
+    fn what_lies_idle_between_results_is_no_work() {
+        // 700 results in 10 s, and an hour later 21 of an optimisation which was asked for then, in 2 s.
+        let sampling = (0..=700).map(|i| i * 10_000 / 700);
+        let later = (0..=20).map(|i| 3_600_000 + i * 100);
+        let told = over_time(&sampling.chain(later).collect::<Vec<_>>(), 200);
+        assert_eq!(told.busy_s, Some(12.0));
+        // Slow flights are not idle: ten minutes each, one after the other.
+        let slow: Vec<i64> = (0..50).map(|i| i * 600_000).collect();
+        assert_eq!(over_time(&slow, 200).busy_s, Some(49.0 * 600.0));
+        assert_eq!(over_time(&[5], 10).busy_s, Some(1.0));
     }
 
     #[test]

@@ -112,15 +112,16 @@ async fn store(
     }
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
     let _turn = state.heavy().drawing(asker).await?;
-    let drawn = checked(spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
+    let drawn = checked(state, spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
     let (id, by) = (StudyId::new(), caller.named());
     let submit = Submit { id, name, spec: canonical, digest, samples, optimisations, idempotency_key, by, drawn };
     Ok(state.store().run(submit).await?)
 }
 
 /// A study checked, or its faults: not on the threads which serve.
-async fn checked(spec: StudySpec) -> Result<Result<Checked, Vec<FieldProblem>>, ApiError> {
-    let task = tokio::task::spawn_blocking(move || check(&spec));
+async fn checked(state: &AppState, spec: StudySpec) -> Result<Result<Checked, Vec<FieldProblem>>, ApiError> {
+    let limits = state.config().run_limits;
+    let task = tokio::task::spawn_blocking(move || check(&spec, &limits));
     task.await.map_err(|e| ApiError::Internal(Box::new(e)))
 }
 
@@ -136,7 +137,7 @@ async fn dry_run(
         Err(other) => return Err(other),
     };
     let _turn = state.heavy().drawing(asker).await?;
-    Ok(match checked(spec).await? {
+    Ok(match checked(state, spec).await? {
         Ok(checked) => DryRun { simulations: checked.simulations(), errors: Vec::new() },
         Err(errors) => DryRun { simulations: 0, errors },
     })

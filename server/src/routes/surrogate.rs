@@ -4,11 +4,13 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
+use manduca_numerics::parameters::{Bounds, TABLE};
 use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::ids::StudyId;
+use manduca_protocol::point::ParameterValues;
 use manduca_protocol::problem::{FieldProblem, Problem, bounded};
 use manduca_protocol::task::{Checkpoint, Scaled, SurrogateMessage};
-use manduca_protocol::view::{PredictionRequest, PredictionResponse, SurrogateView};
+use manduca_protocol::view::{OutsideBox, PredictionRequest, PredictionResponse, SurrogateView};
 use manduca_protocol::{network, resolve};
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -134,17 +136,21 @@ async fn predict(
     JsonBody(request): JsonBody<PredictionRequest>,
 ) -> Result<Json<PredictionResponse>, ApiError> {
     check(&request)?;
-    let study = state.store().study_number(study).await?;
+    let head = state.store().study_head(study).await?;
     let turn = state.heavy().turn(asker).await?;
-    let surrogate = read(&state, study).await?;
+    let surrogate = read(&state, head.study).await?;
+    let test_rmse = state.store().test_errors_of(head.study).await?.map(|test| test.rmse);
     let predicting = tokio::task::spawn_blocking(move || {
-        let predict = |point: &manduca_protocol::point::ParameterValues| {
+        let predict = |point: &ParameterValues| {
             let [lift, drag, pitch_moment, power] = surrogate.predict(&point.0);
             Scaled { lift, drag, pitch_moment, power }
         };
         let predictions = request.points.iter().map(predict).collect();
+        // Of a study which cannot be read any more the box is not known.
+        let box_of = resolve::study(&head.spec).map(|study| study.bounds);
+        let outside = box_of.map_or_else(|_| Vec::new(), |bounds| outside(&bounds, &request.points));
         drop(turn);
-        PredictionResponse { predictions }
+        PredictionResponse { predictions, by: Some(PredictionResponse::BY.into()), test_rmse, outside }
     });
     Ok(Json(predicting.await.map_err(|e| ApiError::Internal(Box::new(e)))?))
 }
@@ -162,6 +168,17 @@ async fn read(state: &AppState, study: i64) -> Result<Surrogate, ApiError> {
     made.map_err(|why| ApiError::from(StoreError::Corrupt(why)))
 }
 
+/// Which points lie beyond the box a surrogate was trained in, and in what. What only follows the exact laws, as tilt
+/// and frequency do, counts too: the study did not look there.
+fn outside(bounds: &Bounds, points: &[ParameterValues]) -> Vec<OutsideBox> {
+    let beyond = |point: &ParameterValues| -> Vec<String> {
+        let out = |i: &usize| !(bounds.lower[*i]..=bounds.upper[*i]).contains(&point.0[*i]);
+        (0..TABLE.len()).filter(out).map(|i| TABLE[i].name.to_owned()).collect()
+    };
+    let all = (0_u32..).zip(points).map(|(point, x)| OutsideBox { point, parameters: beyond(x) });
+    all.filter(|found| !found.parameters.is_empty()).collect()
+}
+
 fn check(request: &PredictionRequest) -> Result<(), ApiError> {
     if request.points.len() > MOST_POINTS {
         let fault = FieldProblem::new("/points", format!("has more than {MOST_POINTS} points"));
@@ -175,4 +192,22 @@ fn check(request: &PredictionRequest) -> Result<(), ApiError> {
         .flatten();
     let faults = bounded(faults);
     if faults.is_empty() { Ok(()) } else { Err(ApiError::InvalidRequest(faults)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_beyond_the_box_are_named() {
+        let mut bounds = Bounds::default();
+        (bounds.lower[6], bounds.upper[6]) = (0.0, 0.0);
+        let inside = bounds.from_unit(&[0.5; 10]);
+        let (mut far, mut lifted) = (inside, inside);
+        (far[0], far[9]) = (41.0, -0.1);
+        lifted[6] = 3.0;
+        let found = outside(&bounds, &[inside, far, bounds.upper, lifted].map(ParameterValues));
+        let told: Vec<_> = found.iter().map(|o| (o.point, o.parameters.join(" "))).collect();
+        assert_eq!(told, [(1, "frequency_hz rotation_shape".to_owned()), (3, "elevation_amplitude_deg".to_owned())]);
+    }
 }

@@ -18,6 +18,7 @@ use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
 use super::search::{Chain, list_found};
 use super::{Store, StoreError, body};
 use crate::clock::rfc3339;
+use crate::remark;
 
 #[derive(sqlx::FromRow)]
 struct RawStudy {
@@ -238,8 +239,23 @@ impl Store {
                 (None, _) => OptimumStatus::Pending,
             };
             let gap = optimum.as_ref().zip(simulated.as_ref()).and_then(|(o, s)| gap(o, s));
-            optima.push(OptimumView { name: asked.name.clone(), status, optimum, simulated, gap, breeding, search });
+            let name = asked.name.clone();
+            let (refined_clearance_mm, paper, warnings) = (None, None, Vec::new());
+            let view = OptimumView {
+                name,
+                status,
+                optimum,
+                simulated,
+                gap,
+                breeding,
+                search,
+                refined_clearance_mm,
+                paper,
+                warnings,
+            };
+            optima.push(view);
         }
+        remark::complete(&head.spec, &mut optima);
         Ok(optima)
     }
 

@@ -28,6 +28,10 @@ async fn a_submission_repeated_under_its_key_finds_the_first() {
     submit_with_key(&bench, "", &study(20, &[])).await.problem(422, "invalid-request");
 }
 
+fn lattice(solver: Value) -> Value {
+    json!({ "model": { "solver": solver } })
+}
+
 #[tokio::test]
 async fn what_is_wrong_with_a_study_is_named_and_nothing_is_stored() {
     let bench = Bench::open().await;
@@ -39,6 +43,16 @@ async fn what_is_wrong_with_a_study_is_named_and_nothing_is_stored() {
         (json!({ "colour": "red" }), "/colour"),
         (json!({ "seed": "x" }), "/seed"),
         (json!({ "sampling": { "samples": 30, "clearance_margin_mm": 900.0 } }), "/parameters"),
+        // What training, the lattice or the clock would refuse later is refused now.
+        (json!({ "surrogate": { "train_share": 0.94, "validation_share": 0.01 } }), "/surrogate/validation_share"),
+        (json!({ "surrogate": { "train_share": 0.9, "validation_share": 0.1 } }), "/surrogate/train_share"),
+        (lattice(json!({ "strokes": 1, "strokes_dropped": 0, "strokes_most": 1 })), "/model/solver/strokes_dropped"),
+        (lattice(json!({ "bound_core": 0.1 })), "/model/solver/bound_core"),
+        (
+            lattice(json!({ "steps_per_stroke": 720, "spanwise_panels": 48, "chordwise_panels": 32, "strokes": 100 })),
+            "/model/solver/steps_per_stroke",
+        ),
+        (json!({ "parameters": { "beta": [0.0, 30.0] } }), "/parameters/beta"),
     ];
     for (changes, pointer) in cases {
         let mut spec = study(20, &[]);

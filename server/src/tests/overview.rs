@@ -188,8 +188,7 @@ async fn a_study_may_be_sent_as_toml() {
     let answer = send(text, "").await;
     assert_eq!((answer.status.as_u16(), &answer.json()["spec"]["name"]), (201, &json!("t")));
     let pointers = send("name = \"t\"\n[sampling]\nsamples = 3\n", "").await.problem(422, "invalid-study");
-    // Three samples leave none to test with.
-    assert_eq!(pointers, ["/sampling/samples", "/surrogate/train_share"]);
+    assert_eq!(pointers, ["/sampling/samples"]);
     assert_eq!(send("name = ", "").await.problem(400, "malformed-toml"), [""]);
     let worker = Request::post("/v1/workers").header("content-type", "application/toml").body(Body::from("a = 1"));
     bench.send(worker.expect("a request")).await.problem(415, "unsupported-media-type");

@@ -39,9 +39,14 @@ async fn a_study_runs_through_its_stages() {
 }
 
 async fn optimise_and_verify(bench: &Bench, worker: &str, study: &str) {
-    let predictions = json!({ "points": [result_parameters()] });
+    let mut far = result_parameters();
+    (far["frequency_hz"], far["sweep_shape"]) = (json!(41.0), json!(0.5));
+    let predictions = json!({ "points": [result_parameters(), far] });
     let answer = bench.post(&format!("{study}/surrogate/predictions"), predictions.to_string()).await.json();
     assert!(answer["predictions"][0]["lift"].is_number(), "{answer}");
+    assert_eq!(answer["outside"], json!([{ "point": 1, "parameters": ["frequency_hz"] }]));
+    assert_eq!(answer["test_rmse"]["lift"], 0.01);
+    assert!(answer["by"].as_str().is_some_and(|by| by.contains("surrogate as it was trained")), "{answer}");
     assert_eq!(bench.get(&format!("{study}/surrogate")).await.json()["neurons"], 2);
     let leases = bench.claim(worker, 5).await;
     assert_eq!(leases.len(), 2);
@@ -67,6 +72,9 @@ async fn optimise_and_verify(bench: &Bench, worker: &str, study: &str) {
     assert_eq!(answer["optimisations"][1]["status"], "verified");
     assert_eq!(answer["optimisations"][1]["simulated"]["lift"]["mean"], 25.5 / 25.0);
     assert_eq!(answer["surrogate"]["rmse"]["power"], 0.01);
+    let optimum = &answer["optimisations"][0];
+    assert_eq!((&optimum["clearance_margin_mm"], optimum["stopped"].is_string()), (&json!(0.0), true), "{optimum}");
+    assert_eq!(optimum["paper"], "optimum-1", "the paper's box, insect and lattice");
 }
 
 fn result_parameters() -> serde_json::Value {

@@ -32,7 +32,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
     let problem = Problem {
         predict: &|points, values| surrogate.predict_into(points, values),
         clearance: &|points, values| clearance.of_each(points, values),
-        margin_m: spec.clearance_margin_mm * 1e-3,
+        margin_m: spec.margin_m(),
         bounds: how.bounds,
         penalty_r: spec.penalty_r,
         penalty_s: spec.penalty_s,
@@ -48,7 +48,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
             match descend(&problem, &flight, &how.sqp, report) {
                 // No stroke in trim: what comes nearest is an answer too, and says what it is.
                 Err(Search::Nothing(why)) => {
-                    let mut nearest = breed(&problem, &how, report)?;
+                    let mut nearest = breed(&problem, &clearance, &how, report)?;
                     nearest.stopped = format!("{why}; the least of the penalised fitness instead");
                     Ok(nearest)
                 }
@@ -56,7 +56,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
                 Ok(found) => Ok(found),
             }
         }
-        Method::Paper => breed(&problem, &how, report),
+        Method::Paper => breed(&problem, &clearance, &how, report),
         Method::Direct => {
             let why = "`direct` flies its generations: it is a search, no optimisation of a network";
             Err(ComputeError::Refused(vec![FieldProblem::new("/optimisation/method", why)]))
@@ -67,6 +67,7 @@ pub(super) fn optimise(task: &OptimiseTask, report: &mut dyn FnMut(Progress)) ->
 /// Genetic algorithm, then simplex.
 fn breed(
     problem: &Problem<'_>,
+    clearance: &Clearance,
     how: &ResolvedOptimisation,
     report: &mut dyn FnMut(Progress),
 ) -> Result<OptimiseResult, ComputeError> {
@@ -80,8 +81,15 @@ fn breed(
         report(Progress { done: at.generation as u64, total, note });
         ControlFlow::Continue(())
     };
-    let optimum = optimise::optimise(problem, &how.ga, &how.simplex, &mut hear)
+    let mut optimum = optimise::optimise(problem, &how.ga, &how.simplex, &mut hear)
         .map_err(|e| ComputeError::Failed(e.to_string()))?;
+    // The penalty of a lacking clearance holds it to within the simplex's tolerance only.
+    let clear = sqp::cleared(clearance, &problem.bounds, &optimum.point, problem.margin_m);
+    if clear != optimum.point
+        && let Some(score) = problem.score(&[clear]).pop()
+    {
+        (optimum.point, optimum.score) = (clear, score);
+    }
     result(&optimum)
 }
 
@@ -191,7 +199,7 @@ fn result(optimum: &Optimum) -> Result<OptimiseResult, ComputeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use manduca_protocol::task::{FrameMessage, NetworkMessage, SurrogateMessage};
+    use manduca_protocol::task::{FrameMessage, NetworkMessage, SimulateOutcome, SimulateTask, SurrogateMessage};
 
     /// Four neurons, each of one parameter and one output: P+ = tanh f, L+ = lift + tanh beta,
     /// D+ = tanh phi0, M+ = tanh theta0, parameters scaled to [-1, 1].
@@ -238,6 +246,34 @@ mod tests {
         assert!(known.multipliers.lift.abs() < 1e-9 && known.kkt_residual <= 1e-10);
         assert!((found.fitness - found.predicted.power).abs() < 1e-8);
         assert_eq!((known.starts, known.converged, told), (20, 20, vec![20]));
+    }
+
+    /// Power falls with the sweep, as far as the wings let it: half of such optima lay on the wrong side of their limit.
+    #[test]
+    fn an_optimum_which_rests_on_the_clearance_can_be_flown() {
+        for (method, margin_mm, seeds) in
+            [(Method::Sqp, 0.0, 8), (Method::Sqp, 1.25, 4), (Method::Sqp, -3.0, 4), (Method::Paper, 0.0, 4)]
+        {
+            for seed in 0..seeds {
+                let mut task = OptimiseTask { seed, ..task(1.0) };
+                let network = &mut task.surrogate.networks[0];
+                (network.hidden_weights[0], network.hidden_weights[5]) = (0.0, -1.0);
+                task.model.insect_changes.insert("hinge_offset_m".into(), 0.002);
+                task.model.kind = manduca_protocol::study::ModelKind::QuasiSteady;
+                let held = [("elevation_amplitude_deg", 5.0), ("rotation_mean_deg", 0.0), ("rotation_shape", 1.0)];
+                let held = held.into_iter().chain([("rotation_amplitude_deg", 60.0), ("sweep_shape", 0.0)]);
+                let held = held.map(|(name, value)| (name.to_owned(), manduca_protocol::study::Range::Held(value)));
+                let spec = &mut task.optimisation;
+                (spec.method, spec.clearance_margin_mm, spec.parameters) = (method, margin_mm, held.collect());
+                (spec.population, spec.generations) = (Some(200), Some(40));
+                let found = optimise(&task, &mut |_| {}).unwrap();
+                let beyond = found.clearance_mm - margin_mm.max(0.0);
+                assert!((0.0..0.05).contains(&beyond), "{method:?} {margin_mm} {seed}: {beyond}");
+                let flown = SimulateTask { model: task.model, parameters: found.parameters };
+                let outcome = crate::compute::simulate(&flown).unwrap().outcome;
+                assert!(matches!(outcome, SimulateOutcome::Ok { .. }), "{method:?} {margin_mm} {seed}: {outcome:?}");
+            }
+        }
     }
 
     #[test]

@@ -11,18 +11,20 @@ use manduca_numerics::insect::Insect;
 use manduca_numerics::kinematics::Clearance;
 use manduca_numerics::optimise::Problem;
 use manduca_numerics::optimise::sqp::Flight;
-use manduca_numerics::parameters::Point;
+use manduca_numerics::parameters::{OUTPUTS, Point};
 use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::resolve::{self, ResolvedOptimisation};
 use manduca_protocol::study::OptimisationSpec;
+use manduca_protocol::task::Scaled;
+use manduca_protocol::view::PredictionResponse;
 use serde_json::{Map, Value};
 
 use self::answer::Answer;
-use crate::api::Api;
 use crate::args::{AnalyseCommand, SubjectArgs};
 use crate::exit::refused;
 use crate::output::Output;
+use crate::render;
 
 /// Fetches a surrogate and asks it.
 pub async fn analyse(command: AnalyseCommand) -> Result<ExitCode> {
@@ -54,11 +56,13 @@ struct Subject {
     spec: OptimisationSpec,
     how: ResolvedOptimisation,
     seed: u64,
+    /// Root mean square errors of the surrogate on its test share.
+    test_rmse: Option<Scaled>,
 }
 
 impl Subject {
     async fn fetch(args: &SubjectArgs) -> Result<Self> {
-        let api = Api::new(&args.coordinator.url)?;
+        let api = args.coordinator.api()?;
         let id = api.find(&args.study).await?;
         let view = api.study(id).await?;
         let study = resolve::study(&view.spec).map_err(|_| refused("the study is of another version"))?;
@@ -75,11 +79,12 @@ impl Subject {
         let surrogate = api.model(id).await.context("the study has no surrogate to ask")?;
         let model = study.model;
         let clearance = Clearance::new(&model.insect, model.elevation_phase);
-        Ok(Self { id, name: view.spec.name, surrogate, insect: model.insect, clearance, spec, how, seed })
+        let (name, test_rmse) = (view.spec.name, view.surrogate.map(|errors| errors.rmse));
+        Ok(Self { id, name, surrogate, insect: model.insect, clearance, spec, how, seed, test_rmse })
     }
 
     fn margin_m(&self) -> f64 {
-        self.spec.clearance_margin_mm * 1e-3
+        self.spec.margin_m()
     }
 
     fn flight(&self) -> Flight<'_> {
@@ -103,6 +108,8 @@ impl Subject {
     fn answer(&self, analysis: &str, lead: String) -> Answer {
         let within = if self.spec.name == "whole box" { "its bounds".into() } else { format!("`{}`", self.spec.name) };
         let facts: Map<String, Value> = [
+            ("by", Value::from(PredictionResponse::BY)),
+            ("test_rmse", serde_json::to_value(self.test_rmse).unwrap_or_default()),
             ("analysis", Value::from(analysis)),
             ("study", Value::from(self.id.to_string())),
             ("optimisation", Value::from(self.spec.name.as_str())),
@@ -111,7 +118,16 @@ impl Subject {
         .map(|(name, value)| (name.to_owned(), value))
         .into_iter()
         .collect();
-        let lead = format!("{lead}, on the surrogate of {} ({}), within {within}", self.name, self.id);
+        let errors = self.test_rmse.as_ref().map(render::scaled).map_or_else(String::new, |errors| {
+            let each = OUTPUTS.iter().zip(errors).map(|((_, _, symbol, _), e)| format!("{symbol} {e:.4}"));
+            format!(", test errors (rms) {}", each.collect::<Vec<_>>().join(", "))
+        });
+        let lead = format!(
+            "{lead}, on the surrogate of {} ({}), within {within}\nBy {}{errors}",
+            self.name,
+            self.id,
+            PredictionResponse::BY
+        );
         Answer { facts, lead, columns: Vec::new(), rows: Vec::new() }
     }
 }

@@ -70,6 +70,7 @@ class Optimum:
             lines.append(f"  {f'{symbol} {output}':24}{foreseen}   {said}")
         if self.power_per_lift_w_per_n is not None:
             lines.append(f"  {'P/L [W/N]':24}{'-':>11}   {self.power_per_lift_w_per_n:.3f}")
+        lines += [f"  warning: {warning}" for warning in self.result.get("warnings", [])]
         if self.refined:
             said = "agree" if self.converged else "do not agree yet"
             lines.append(f"  prediction and simulation {said}")

@@ -30,7 +30,7 @@ def glance(view: StudyView) -> Glance:
     details = []
     if stage == "sampling":
         done, total = view["samples"]["succeeded"], int(view["spec"]["sampling"]["samples"])
-        if view["rate_per_s"]:
+        if view["rate_per_s"] and view["state"] != "paused":
             details.append(f"{view['rate_per_s']:.1f}/s")
     elif progress:
         done, total = progress["done"], progress["total"]
@@ -38,7 +38,7 @@ def glance(view: StudyView) -> Glance:
     else:
         done = jobs["succeeded"] + jobs["infeasible"]
         total = done + jobs["ready"] + jobs["delayed"] + jobs["leased"] + jobs["dead"]
-    if view["eta_s"] is not None and done < total:
+    if view["eta_s"] is not None and done < total and view["state"] != "paused":
         details.append(f"{span(view['eta_s'])} left")
     troubles = (
         (jobs["infeasible"], "infeasible"),

@@ -6,6 +6,7 @@ import io
 import json
 import sys
 import time
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast, overload
 from urllib.parse import quote
@@ -45,6 +46,18 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 1000
 _OUTAGE_S = 60.0
+
+
+class Prediction(dict[str, float]):
+    """L+, D+, M+ and P+ as the surrogate foresees them, and what that is worth."""
+
+    def __init__(self, scaled: Mapping[str, float], by: str | None, test_rmse: Scaled | None) -> None:
+        """Take what the coordinator says; older ones say only the values."""
+        super().__init__(scaled)
+        self.by = by
+        """Who predicts: the surrogate as it was trained."""
+        self.test_rmse = test_rmse
+        """Its root mean square errors on strokes of the box which it has not seen."""
 
 
 class Study:
@@ -189,19 +202,34 @@ class Study:
 
         One point is a dictionary of the ten parameters; an iterable of them gives a list. A table
         with these columns, such as the dataset or a part of it, gives a table with the same index.
+
+        The surrogate is asked as it was trained: what refining flew near an optimum is not in it, so there
+        `optimum()` knows better. Each answer has the surrogate's errors on strokes it has not seen as
+        `test_rmse`, a table as `attrs["test_rmse"]`. Points outside the study's box are warned of.
         """
         if isinstance(points, Mapping):
             return self._predict([points])[0]
         if hasattr(points, "columns"):
-            asked = points[list(PARAMETERS)].to_dict("records")
-            return dataset.like(points, self._predict(asked), OUTPUTS)
+            found = self._predict(points[list(PARAMETERS)].to_dict("records"))
+            table = dataset.like(points, found, OUTPUTS)
+            if found:
+                table.attrs.update(by=found[0].by, test_rmse=found[0].test_rmse)
+            return table
         return self._predict(list(points))
 
-    def _predict(self, points: list[Mapping[str, float]]) -> list[Scaled]:
-        found: list[Scaled] = []
+    def _predict(self, points: list[Mapping[str, float]]) -> list[Prediction]:
+        found: list[Prediction] = []
+        outside: list[dict[str, Any]] = []
         for start in range(0, len(points), _MOST_POINTS):
             body = {"points": points[start : start + _MOST_POINTS]}
-            found += self._transport.call("POST", f"{self._path}/surrogate/predictions", body)["predictions"]
+            answer = self._transport.call("POST", f"{self._path}/surrogate/predictions", body)
+            about = (answer.get("by"), answer.get("test_rmse"))
+            found += [Prediction(scaled, *about) for scaled in answer["predictions"]]
+            outside += answer.get("outside", [])
+        if outside:
+            names = sorted({name for point in outside for name in point["parameters"]})
+            told = f"{len(outside)} of {len(points)} points are outside the study's box ({', '.join(names)})"
+            warnings.warn(f"{told}: nothing was learnt there", stacklevel=3)
         return found
 
     def simulate(self, parameters: Mapping[str, float], *, wake: Wake | None = None) -> SimulationView:

@@ -191,7 +191,12 @@ class OptimumResult(TypedDict, total=False):
     simulated: ScaledEstimates | None
     infeasible: str | None
     power_per_lift_w_per_n: float | None
+    stopped: str
     clearance_mm: float | None
+    refined_clearance_mm: float
+    clearance_margin_mm: float
+    paper: str
+    warnings: list[str]
     optimality: dict[str, Any]
     breeding: dict[str, Any]
     refined: dict[str, Any] | None

@@ -1,5 +1,6 @@
 //! Many descents, and what they find.
 
+use super::clear::cleared;
 use super::flight::Flight;
 use super::machine::{Sqp, SqpStop};
 use crate::optimise::sobol::Sobol;
@@ -173,6 +174,7 @@ fn descend(flight: &Flight<'_>, starts: Vec<Point>, settings: &SqpSettings) -> V
 
 fn optimum(flight: &Flight<'_>, machine: &Sqp) -> LocalOptimum {
     let point = flight.table(machine.point());
+    let point = flight.clearance.map_or(point, |c| cleared(c, &flight.bounds, &point, flight.margin_m));
     let multipliers = machine.multipliers();
     let outputs = flight.outputs(&point);
     let off_trim = [outputs[0] - 1.0, outputs[1], outputs[2]].into_iter().fold(0.0, |most: f64, c| most.max(c.abs()));

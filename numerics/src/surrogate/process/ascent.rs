@@ -24,6 +24,8 @@ pub enum AscentStop {
     Stuck,
     /// The observer asked to stop.
     Interrupted,
+    /// None was made: the labels do not depend on what is free.
+    Constant,
 }
 
 /// Where an ascent ended.

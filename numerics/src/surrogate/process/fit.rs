@@ -7,7 +7,7 @@ use super::likelihood::Labels;
 use super::{Process, ProcessOutput};
 use crate::math::{exp, ln};
 use crate::parameters::{COUNT, OUTPUTS, Point};
-use crate::surrogate::features::{Frame, MIRROR_SIGNS};
+use crate::surrogate::features::{Frame, MIRROR_SIGNS, constant};
 use crate::surrogate::random::{Streams, shuffle, uniform};
 use crate::surrogate::settings::checked_split;
 use crate::surrogate::{Dataset, Errors, Sample, Split, Surrogate, TrainError, TrainSettings, errors};
@@ -91,13 +91,15 @@ pub fn fit(
     shuffle(&mut order, &mut Streams::new(settings.seed).stream(JUDGE_STREAM));
     let bounds = frame.bounds(data.bounds);
     let inputs = Inputs::new(&bounds, frame.is_mirrored());
-    if inputs.order.is_empty() {
-        return Err(TrainError::NothingFree);
-    }
     let mut climbs = Climbs { ascents: OUTPUTS.len() * PER_OUTPUT, ended, observe };
     let (mut outputs, mut ascents) = (Vec::new(), Vec::new());
     for (k, (output, ..)) in OUTPUTS.iter().enumerate() {
         let labels = labels(&frame, &inputs, &bounds, &samples, k);
+        if let Some(mean) = constant_of(&labels, &inputs) {
+            outputs.push(ProcessOutput::constant(mean, samples.len()));
+            ascents.push(Ascent { iterations: 0, likelihood: 0.0, stop: AscentStop::Constant });
+            continue;
+        }
         let top = likeliest(&labels, &order, settings.seed, k, &mut climbs)?;
         let solved = labels.solve(&top.at).ok_or(TrainError::NotPositive { output })?;
         let mut lengths: Point = [1.0; COUNT];
@@ -122,6 +124,17 @@ pub fn fit(
     Ok(ProcessFit { surrogate, ascents, train, validation, test, split })
 }
 
+/// The value of an output which depends on nothing that is free: the same in every sample, or all that can be said
+/// where only what the frame's laws know is free.
+fn constant_of(labels: &Labels, inputs: &Inputs) -> Option<f64> {
+    let images = labels.values.iter().map(|y| labels.sign.unwrap_or(1.0) * y);
+    // Every sample is two where the mirror law holds.
+    let all = labels.values.iter().copied().chain(images);
+    let mean = || all.clone().sum::<f64>() / (2 * labels.len()) as f64;
+    let known = constant(all.clone());
+    if inputs.order.is_empty() { known.or_else(|| Some(mean())) } else { known }
+}
+
 /// One output of samples as the frame has it.
 fn labels(frame: &Frame, inputs: &Inputs, bounds: &crate::parameters::Bounds, samples: &[Sample], k: usize) -> Labels {
     let given: Vec<Point> = samples.iter().map(|s| frame.inputs(&s.x)).collect();
@@ -144,11 +157,6 @@ fn likeliest(
     climbs: &mut Climbs<'_>,
 ) -> Result<Top, TrainError> {
     let spread = labels.spread();
-    // Labels which are all the same have nothing but rounding.
-    let largest = labels.values.iter().fold(0.0, |most: f64, y| most.max(y.abs()));
-    if spread <= 1e-12 * largest || spread == 0.0 {
-        return Err(TrainError::ConstantOutput { output: OUTPUTS[output].0 });
-    }
     let scaled = |(low, high): (f64, f64), by: f64| (ln(low * by), ln(high * by));
     let mut bounds = vec![scaled(LENGTHS, 1.0); labels.width];
     bounds.extend([scaled(AMPLITUDES, spread), scaled(NOISES, spread)]);

@@ -151,7 +151,7 @@ impl WithSimd for Values<'_> {
             for (k, output) in self.packed.outputs.iter().enumerate() {
                 let z = over(simd, &all, &output.inverse);
                 let mut sum = simd.splat_f64s(output.mean);
-                for (point, weight) in output.points.chunks_exact(width).zip(&output.weights) {
+                for (point, weight) in output.points.chunks_exact(width.max(1)).zip(&output.weights) {
                     let near = near(simd, &z, point, even, output.sign);
                     sum = simd.mul_add_f64s(simd.splat_f64s(*weight), simd.add_f64s(near.here, near.there), sum);
                 }
@@ -209,7 +209,7 @@ fn summed<S: Simd>(
     let (width, even) = (inputs.order.len(), inputs.even);
     let mut sum = simd.splat_f64s(output.mean);
     let mut slopes = [simd.splat_f64s(0.0); COUNT];
-    for (point, weight) in output.points.chunks_exact(width).zip(&output.weights) {
+    for (point, weight) in output.points.chunks_exact(width.max(1)).zip(&output.weights) {
         let near = near(simd, z, point, even, output.sign);
         let weight = simd.splat_f64s(*weight);
         let both = simd.add_f64s(near.here, near.there);

@@ -27,7 +27,7 @@ pub(super) fn breed(
     let search = Direct {
         fitness: Fitness {
             bounds: how.bounds,
-            margin_m: spec.clearance_margin_mm * 1e-3,
+            margin_m: spec.margin_m(),
             penalty_r: spec.penalty_r,
             penalty_s: spec.penalty_s,
         },

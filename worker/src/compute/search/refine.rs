@@ -40,7 +40,7 @@ pub(super) fn refine(
         ..RefineSettings::default()
     };
     let clearance = Clearance::new(&model.insect, model.elevation_phase);
-    let margin_m = task.optimisation.clearance_margin_mm * 1e-3;
+    let margin_m = task.optimisation.margin_m();
     let next = propose(&*base, &clearance, margin_m, &within, &settings, &flown, &region);
     let standing = standing(&model.insect, &known, &flown, &next, &region);
     let next = match next {
