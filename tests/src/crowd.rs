@@ -122,7 +122,7 @@ impl Member {
     }
 
     fn register(&self) -> Option<String> {
-        let registration = json!({ "name": format!("member-{}", self.number), "slots": 4, "protocol_version": 1,
+        let registration = json!({ "name": format!("member-{}", self.number), "slots": 64, "protocol_version": 1,
             "solver_version": SOLVER_VERSION, "level": "test" });
         let (status, told) = self.post("/v1/workers", &registration, None)?;
         (status == 201).then(|| format!("/v1/workers/{}/exchange", told["worker"].as_str().expect("an id")))

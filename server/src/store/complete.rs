@@ -150,13 +150,15 @@ pub(super) fn judge(job: Option<&JobRow>, stored: Option<&Stored>, worker: Worke
         JobState::Succeeded | JobState::Infeasible => return compare(job, stored, worker, result),
         JobState::Cancelled => "the study was cancelled",
         JobState::Dead => "the job was given up before",
-        _ => "this attempt is no longer the job's present one",
+        _ => NOT_PRESENT,
     };
     Judged::Refused(Class::Refused, reason.into())
 }
 
+/// Why what is said of another attempt is refused.
+pub(super) const NOT_PRESENT: &str = "this attempt is no longer the job's present one";
 /// Why what is said of an unknown job is refused.
-const NO_JOB: &str = "there is no such job";
+pub(super) const NO_JOB: &str = "there is no such job";
 
 /// A finished job's second result: the same, or evidence.
 fn compare(job: &JobRow, stored: Option<&Stored>, worker: WorkerId, result: &Prepared) -> Judged {

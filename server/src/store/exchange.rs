@@ -17,7 +17,7 @@ use manduca_protocol::worker::{Failure, Rejected};
 use super::advance::advance_ended;
 use super::checkpoint::PreparedRenewal;
 use super::claim::Leased;
-use super::complete::Prepared;
+use super::complete::{NO_JOB, NOT_PRESENT, Prepared, find_jobs};
 use super::evidence::{Evidence, settle};
 use super::fail::{Reported, fail};
 use super::workers::{Standing, Tallies, add_to_tallies, list_able, touch, why_unknown};
@@ -118,9 +118,7 @@ pub(super) async fn exchange_all(
         .collect();
     let mut effects = Effects::default();
     results::take(work, &mut parties, &mut effects).await?;
-    for party in &mut parties {
-        take_failures(work, party, &mut effects).await?;
-    }
+    take_failures(work, &mut parties, &mut effects).await?;
     renewals::take(work, &mut parties).await?;
     settle(work, std::mem::take(&mut effects.evidence)).await?;
     add_to_tallies(work, &effects.tallies).await?;
@@ -163,18 +161,38 @@ async fn hold_back(work: &mut Work<'_>, parties: &mut [Party<'_>], tallies: &Tal
     Ok(())
 }
 
-async fn take_failures(work: &mut Work<'_>, party: &mut Party<'_>, effects: &mut Effects) -> Result<(), StoreError> {
-    for failure in &party.exchange.fail {
-        match fail(work, party.exchange.worker, failure, &mut effects.tallies).await? {
-            Reported::Counted(study) => {
-                let tally = effects.tallies.entry(party.exchange.worker).or_default();
-                tally.failed += 1;
-                tally.released += 1;
-                effects.moved.insert(study);
-                party.told.accepted.push(failure.job);
+/// Takes the failures of all parties. Those that are not the worker's own are refused together.
+async fn take_failures(
+    work: &mut Work<'_>,
+    parties: &mut [Party<'_>],
+    effects: &mut Effects,
+) -> Result<(), StoreError> {
+    let named: Vec<JobId> = parties.iter().flat_map(|p| p.exchange.fail.iter().map(|f| f.job)).collect();
+    if named.is_empty() {
+        return Ok(());
+    }
+    let jobs = find_jobs(work.db, &named).await?;
+    for party in parties {
+        let worker = party.exchange.worker;
+        for failure in &party.exchange.fail {
+            let reported = match jobs.get(&failure.job) {
+                Some(job) if job.is_held_by(worker, failure.attempt) => {
+                    fail(work, worker, failure, &mut effects.tallies).await?
+                }
+                Some(_) => Reported::Refused(NOT_PRESENT.into()),
+                None => Reported::Refused(NO_JOB.into()),
+            };
+            match reported {
+                Reported::Counted(study) => {
+                    let tally = effects.tallies.entry(worker).or_default();
+                    tally.failed += 1;
+                    tally.released += 1;
+                    effects.moved.insert(study);
+                    party.told.accepted.push(failure.job);
+                }
+                Reported::Known => party.told.accepted.push(failure.job),
+                Reported::Refused(reason) => party.told.rejected.push(Rejected { job: failure.job, reason }),
             }
-            Reported::Known => party.told.accepted.push(failure.job),
-            Reported::Refused(reason) => party.told.rejected.push(Rejected { job: failure.job, reason }),
         }
     }
     Ok(())

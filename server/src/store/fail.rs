@@ -5,7 +5,7 @@ use manduca_protocol::view::JobState;
 use manduca_protocol::worker::{Failure, Fault};
 
 use super::blame::{self, Failed};
-use super::complete::{JobRow, find_job};
+use super::complete::{JobRow, NO_JOB, NOT_PRESENT, find_job};
 use super::workers::Tallies;
 use super::{StoreError, Work};
 use crate::event::Event;
@@ -31,10 +31,10 @@ pub(super) async fn fail(
     tallies: &mut Tallies,
 ) -> Result<Reported, StoreError> {
     let Some(job) = find_job(work.db, failure.job).await? else {
-        return Ok(Reported::Refused("there is no such job".into()));
+        return Ok(Reported::Refused(NO_JOB.into()));
     };
     if !job.is_held_by(worker, failure.attempt) {
-        return Ok(Reported::Refused("this attempt is no longer the job's present one".into()));
+        return Ok(Reported::Refused(NOT_PRESENT.into()));
     }
     match job.state {
         JobState::Leased => {

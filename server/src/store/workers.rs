@@ -120,7 +120,7 @@ pub(super) struct Standing {
     slots: u32,
     leased: u32,
     is_proven: bool,
-    /// Failures of it which nobody has confirmed or contradicted yet.
+    /// Failures of it lately which nobody has confirmed or contradicted yet; before its first success, all.
     doubts: u32,
 }
 
@@ -177,7 +177,8 @@ pub(super) async fn touch(
            and (token is null or d.value ->> 1 is null or token = d.value ->> 1)
          returning id, quarantined_until_ms, draining, token, slots, completed,
            (select count(*) from jobs as j where j.state = 'leased' and j.worker = workers.id) as leased,
-           (select count(*) from failures as f where f.open = 1 and f.worker = workers.id and f.failed_ms > ?3) as doubts",
+           (select count(*) from failures as f
+            where (f.open = 1 or completed = 0) and f.worker = workers.id and f.failed_ms > ?3) as doubts",
     )
     .bind(work.now)
     .bind(named)

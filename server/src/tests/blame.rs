@@ -149,6 +149,30 @@ async fn one_machine_which_registers_anew_gives_no_job_up() {
     bench.check_counts().await;
 }
 
+/// Before anybody has succeeded, nobody is more credible than another; what one may do is bounded all the same.
+#[tokio::test]
+async fn workers_without_a_success_give_few_jobs_up() {
+    let bench = strict().await;
+    let path = bench.submit(&study(200, &[])).await;
+    bench.worker("honest").await;
+    let mut failed = BTreeMap::new();
+    let mut liars = Vec::new();
+    for i in 0..4 {
+        liars.push(big_worker(&bench, &format!("liar {i}")).await);
+    }
+    for _ in 0..5 {
+        for liar in &liars {
+            for lease in bench.claim(liar, 100).await {
+                blame(&bench, liar, &lease, "refused").await;
+                *failed.entry(liar).or_insert(0) += 1;
+            }
+        }
+        bench.pass(1.0).await;
+    }
+    assert!(failed.values().all(|n| *n <= 8), "{failed:?}");
+    assert!(bench.view(&path).await["samples"]["dead"].as_u64().is_some_and(|dead| dead <= 16));
+}
+
 #[tokio::test]
 async fn a_machine_is_struck_at_once_and_cleared_when_another_fails_the_job_too() {
     let bench = strict().await;
