@@ -43,6 +43,8 @@ const MOST: usize = 3;
 const PLACES: usize = 128;
 /// How long one waits.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Until a part of an answer asks for its turn again.
+const AGAIN: Duration = Duration::from_millis(200);
 /// Answers kept, and the largest of them, bytes.
 const ANSWERS: usize = 32;
 const LARGEST: usize = 512 << 10;
@@ -90,6 +92,16 @@ impl Heavy {
     /// When too many wait, or it takes too long.
     pub(crate) async fn turn(&self, asker: Asker) -> Result<Turn, ApiError> {
         self.turns.take(asker).await
+    }
+
+    /// A turn for a part of an answer which is being sent: its status is long told, so it is not refused.
+    pub(crate) async fn part(&self, asker: Asker) -> Turn {
+        loop {
+            match self.turns.take(asker).await {
+                Ok(turn) => return turn,
+                Err(_) => tokio::time::sleep(AGAIN).await,
+            }
+        }
     }
 
     /// A turn at drawing the samples of a study, to be kept until they are stored: those of the largest

@@ -7,6 +7,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
 use crate::error::ApiError;
+use crate::fair::{Asker, Fair, Turn};
 
 /// Memory of all bodies together but the large ones, bytes.
 pub const BODIES: usize = 256 << 20;
@@ -19,11 +20,13 @@ const FREE: usize = 16 << 10;
 const UNIT: usize = 16 << 10;
 /// Large bodies at once.
 pub const LARGE: usize = 2;
+/// Large bodies which wait.
+const LARGE_WAITING: usize = 32;
 /// The memory there is.
 #[derive(Debug)]
 pub(crate) struct Memory {
     units: Arc<Semaphore>,
-    large: Arc<Semaphore>,
+    large: Fair,
     parsing: Arc<Semaphore>,
     waits: Waits,
 }
@@ -52,24 +55,23 @@ impl Memory {
         Self {
             waits,
             units: Arc::new(Semaphore::new(BODIES / UNIT)),
-            large: Arc::new(Semaphore::new(LARGE)),
+            large: Fair::new(LARGE, LARGE_WAITING, waits.large),
             parsing: Arc::new(Semaphore::new(parsing)),
         }
     }
 
     /// A share for a body which has none yet.
     pub(crate) fn none(&self) -> Held {
-        Held { units: self.units.clone(), held: None, counted: true, waits: self.waits }
+        Held { units: self.units.clone(), held: None, place: None, waits: self.waits }
     }
 
-    /// One of the few places of large bodies.
+    /// One of the few places of large bodies. Askers take turns.
     ///
     /// # Errors
     /// When none becomes free in time.
-    pub(crate) async fn large(&self) -> Result<Held, ApiError> {
-        let place = timeout(self.waits.large, self.large.clone().acquire_owned()).await;
-        let place = place.ok().and_then(Result::ok).ok_or(ApiError::Crowded)?;
-        Ok(Held { units: self.units.clone(), held: Some(place), counted: false, waits: self.waits })
+    pub(crate) async fn large(&self, asker: Asker) -> Result<Held, ApiError> {
+        let place = self.large.take(asker).await.map_err(|_| ApiError::Crowded)?;
+        Ok(Held { place: Some(place), ..self.none() })
     }
 
     /// A turn at parsing: more threads at once would only slow each other and those which serve.
@@ -83,8 +85,8 @@ impl Memory {
 pub(crate) struct Held {
     units: Arc<Semaphore>,
     held: Option<OwnedSemaphorePermit>,
-    /// Whether it grows with the body; a place of a large one does not.
-    counted: bool,
+    /// The place of a large body, for which all there is room for is set aside.
+    place: Option<Turn>,
     waits: Waits,
 }
 
@@ -94,7 +96,7 @@ impl Held {
     /// # Errors
     /// When there is no memory, and none is given back in time.
     pub(crate) async fn grow(&mut self, length: usize, limit: usize) -> Result<(), ApiError> {
-        if !self.counted {
+        if self.place.is_some() {
             return Ok(());
         }
         let wanted = (length.saturating_sub(FREE) * FACTOR).div_ceil(UNIT);
@@ -141,10 +143,10 @@ mod tests {
         let memory = memory();
         let mut held = Vec::new();
         for _ in 0..LARGE {
-            held.push(memory.large().await.expect("a place"));
+            held.push(memory.large(Asker::default()).await.expect("a place"));
         }
-        assert!(matches!(memory.large().await, Err(ApiError::Crowded)));
+        assert!(matches!(memory.large(Asker::default()).await, Err(ApiError::Crowded)));
         held.pop();
-        memory.large().await.expect("a place").grow(1 << 30, 1).await.expect("needs no more");
+        memory.large(Asker::default()).await.expect("a place").grow(1 << 30, 1).await.expect("needs no more");
     }
 }

@@ -15,6 +15,7 @@ use serde::de::DeserializeOwned;
 
 use super::parse::{Language, parse};
 use crate::error::ApiError;
+use crate::fair::Asker;
 use crate::memory::Held;
 use crate::state::AppState;
 
@@ -121,7 +122,8 @@ impl<T: Accepted> FromRequest<AppState> for HeldBody<T> {
         };
         let (path, length) = (request.uri().path().to_owned(), request.body().size_hint().upper());
         let room = T::room(state, &path, length).await?;
-        let mut held = if room.large { state.memory().large().await? } else { state.memory().none() };
+        let asker = Asker::of(request.headers());
+        let mut held = if room.large { state.memory().large(asker).await? } else { state.memory().none() };
         let bytes = read(request, room.bytes, state, &mut held).await?;
         if bytes.len() <= INLINE && language == Language::Json {
             return parse(&bytes, language, room.values).map(|value| Self { value, held });

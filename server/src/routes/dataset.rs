@@ -18,9 +18,10 @@ use utoipa_axum::routes;
 
 use crate::dataset::{Format, WriteError, Writer};
 use crate::error::{ApiError, chain};
+use crate::fair::Asker;
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{Store, StoreError};
+use crate::store::StoreError;
 
 /// Rows read and sent at once: what a slow client keeps in memory here.
 const CHUNK: u32 = 500;
@@ -59,6 +60,7 @@ struct DatasetParams {
     ))]
 async fn dataset(
     State(state): State<AppState>,
+    asker: Asker,
     Id(study): Id<StudyId>,
     Params(params): Params<DatasetParams>,
     headers: HeaderMap,
@@ -70,7 +72,8 @@ async fn dataset(
     let expected = state.store().answered_samples(head.study).await?;
     let said = VecDeque::from([writer.head()]);
     let rows = Rows {
-        store: state.store().clone(),
+        state: state.clone(),
+        asker,
         study: (head.study, study),
         provenance: params.provenance,
         expected,
@@ -97,7 +100,8 @@ fn format(asked: Option<&str>, headers: &HeaderMap) -> Result<Format, ApiError> 
 /// change, so reading on after the last index is enough. A study may be removed
 /// meanwhile; then the connection is broken off, for what was sent is not whole.
 struct Rows {
-    store: Store,
+    state: AppState,
+    asker: Asker,
     study: (i64, StudyId),
     provenance: bool,
     /// Rows which were there at the beginning.
@@ -128,7 +132,8 @@ impl Rows {
 
     async fn read(&mut self, mut writer: Writer) -> Result<(), StoreError> {
         let (number, id) = self.study;
-        let rows = self.store.samples_after(number, Some(id), self.after, CHUNK).await?;
+        let turn = self.state.heavy().part(self.asker).await;
+        let rows = self.state.store().samples_after(number, Some(id), self.after, CHUNK).await?;
         let (last, provenance) = (rows.last().map(|row| row.ordinal), self.provenance);
         self.sent += rows.len() as u64;
         if last.is_none() && self.sent < self.expected {
@@ -139,6 +144,7 @@ impl Rows {
         }
         // Not on the threads which serve: rows are unpacked, parsed and written again.
         let written = spawn_blocking(move || {
+            let _turn = turn;
             let rows = rows.into_iter().map(|row| row.parse(provenance)).collect::<Result<Vec<_>, _>>()?;
             let corrupt = |e: WriteError| StoreError::Corrupt(chain(&e));
             if last.is_none() {

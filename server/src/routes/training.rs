@@ -75,7 +75,7 @@ impl Samples {
         if self.tail.is_none() {
             return Ok(None);
         }
-        let turn = self.state.heavy().turn(self.asker).await?;
+        let turn = self.state.heavy().part(self.asker).await;
         let rows = self.state.store().train_samples_after(self.study, self.after).await?;
         let Some((samples, last)) = rows else {
             if self.sent != self.expected {

@@ -27,7 +27,7 @@ const SPACE: u64 = 4 << 30;
 
 /// A registered worker.
 fn worker(coordinator: &Coordinator) -> String {
-    let registration = json!({ "name": "bulky", "slots": 4, "protocol_version": 1,
+    let registration = json!({ "name": "bulky", "slots": 1000, "protocol_version": 1,
         "solver_version": SOLVER_VERSION, "level": "test" });
     let told = coordinator.post("/v1/workers", &registration).expect(201);
     format!("/v1/workers/{}/exchange", told["worker"].as_str().expect("an id"))
