@@ -38,10 +38,9 @@ pub fn load(name: &str) -> Result<StudySpec> {
     };
     let spec = if text_file::is_json(path, &text) { from_json(&text) } else { from_toml(&text) };
     let spec = spec.map_err(|fault| refused(format!("{name}{fault}")))?;
-    match resolve::study(&spec) {
-        Ok(_) => Ok(spec),
-        Err(faults) => Err(refused(listed(name, &faults))),
-    }
+    let mut faults = resolve::texts(&spec);
+    faults.extend(resolve::study(&spec).err().unwrap_or_default());
+    if faults.is_empty() { Ok(spec) } else { Err(refused(listed(name, &faults))) }
 }
 
 /// Faults, one a line, each with the file it is in.
