@@ -116,7 +116,8 @@ impl From<reqwest::Error> for CallError {
 fn certificate(error: &CertificateError) -> (String, &'static str) {
     use CertificateError as E;
     match error {
-        E::UnknownIssuer => (
+        // A trusted certificate of the same name has another key: it has been made anew.
+        E::UnknownIssuer | E::BadSignature => (
             "no authority which this machine trusts has signed it".into(),
             "where the certificate is self-signed or of an authority of your own, name its PEM file in SSL_CERT_FILE",
         ),
@@ -201,6 +202,7 @@ mod tests {
     fn a_certificate_which_is_not_accepted_says_why() {
         let (reason, advice) = certificate(&CertificateError::UnknownIssuer);
         assert!(reason.contains("no authority") && advice.contains("SSL_CERT_FILE"), "{reason}: {advice}");
+        assert_eq!(certificate(&CertificateError::BadSignature).0, reason);
         assert!(certificate(&CertificateError::Expired).0.contains("expired"));
         assert!(certificate(&CertificateError::NotValidForName).0.contains("name"));
     }
