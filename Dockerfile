@@ -8,7 +8,9 @@ RUN cargo build --release --locked -p manduca-cli
 FROM debian:bookworm-slim
 # Certificates that clients and workers check an https:// coordinator against.
 RUN apt-get update && apt-get install -y --no-install-recommends ca-certificates && rm -rf /var/lib/apt/lists/*
-RUN useradd --system --create-home --home-dir /var/lib/manduca manduca
+# The second folder is for tokens, which are not kept beside the database.
+RUN useradd --system --create-home --home-dir /var/lib/manduca manduca \
+    && install --directory --owner=manduca --group=manduca --mode=0700 /var/lib/manduca-tokens
 COPY --from=build /src/target/release/manduca /usr/local/bin/manduca
 USER manduca
 VOLUME /var/lib/manduca

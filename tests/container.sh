@@ -110,6 +110,11 @@ healthy() {
   done
 }
 
+step "token of the workers"
+compose up --detach --no-build --no-deps tokens >/dev/null
+tokens=$(podman ps --all --quiet --filter "label=com.docker.compose.service=tokens")
+[ "$(podman wait "$tokens")" = 0 ] || { echo "no token was made"; exit 1; }
+
 step "coordinator"
 compose up --detach --no-build --no-deps coordinator >/dev/null
 healthy coordinator

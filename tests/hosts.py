@@ -105,7 +105,7 @@ class Cluster:
         data = str(folder / "data")
         tokens = {}
         for scope in ("worker", "admin"):
-            create = [str(program), "token", "create", scope, "--scope", scope, "--data", data]
+            create = [str(program), "token", "create", scope, "--scope", scope, "--init", "--data", data]
             tokens[scope] = subprocess.run(create, check=True, capture_output=True, text=True).stdout.strip()
         self.token, self.file = tokens["admin"], folder / "worker-token"
         self.file.write_text(tokens["worker"])

@@ -39,11 +39,6 @@ pub struct Api {
 }
 
 impl Api {
-    /// The coordinator at an address, without a token.
-    pub fn new(url: &str) -> Result<Self> {
-        Ok(Self::of(Http::new(url).map_err(refused)?))
-    }
-
     /// The coordinator a client is of.
     pub fn of(http: Http) -> Self {
         Self { http }
@@ -51,11 +46,17 @@ impl Api {
 
     /// Submits a study; submissions with one key are one study.
     pub async fn submit(&self, spec: &StudySpec, key: Option<&str>) -> Result<StudyId> {
+        Ok(self.submit_new(spec, key).await?.0)
+    }
+
+    /// [`Api::submit`], which also tells whether the study is new.
+    pub async fn submit_new(&self, spec: &StudySpec, key: Option<&str>) -> Result<(StudyId, bool)> {
         let mut request = self.http.post("/v1/studies").json(spec);
         if let Some(key) = key {
             request = request.header("idempotency-key", key);
         }
-        Ok(http::call::<Named>(request).await.context("cannot submit the study")?.id)
+        let (status, Named { id }) = http::call_for_status(request).await.context("cannot submit the study")?;
+        Ok((id, status == StatusCode::CREATED))
     }
 
     /// All studies, the oldest first.

@@ -137,8 +137,9 @@ pub enum Command {
 /// `manduca run`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The study runs as a service does, in one process: a coordinator on a loopback port, its
-database under --data, and a worker with child processes. Interrupted by Ctrl-C (finish
+The study runs as a service does, in one process: a coordinator on a loopback port, which shows
+the dashboard, its database under --data, and a worker with child processes. Where a coordinator
+has that folder already, the study is submitted there, and this process works for it. Interrupted by Ctrl-C (finish
 the running jobs) or even by a power cut, the same command goes on where it was.
 
 Examples:
@@ -170,7 +171,7 @@ requests for this machine's own names are answered, and none that a page of anot
 
 Examples:
   manduca serve
-  manduca token create cluster --scope worker > worker-token
+  manduca token create cluster --scope worker --out worker-token
   manduca serve --listen 0.0.0.0:8080 --data /var/lib/manduca
   MANDUCA_TOKEN=... manduca serve --listen 0.0.0.0:8080
   manduca serve --listen 10.0.0.5:8080 --insecure       no tokens: a network you trust")]

@@ -4,10 +4,11 @@ use std::fmt;
 use std::io;
 use std::process::ExitCode;
 
+use manduca_server::{OfflineError, OpenError, ServerError, chain};
 use manduca_worker::WorkerError;
 use manduca_worker::http::CallError;
 
-use crate::output::complain;
+use crate::output::complain_with;
 
 /// Ended by Ctrl-C, as shells count it.
 pub const INTERRUPTED: u8 = 130;
@@ -37,16 +38,32 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         // `manduca dataset latest | head` has read enough: that is no failure.
         return ExitCode::SUCCESS;
     }
-    complain(format_args!("error: {error:#}"));
-    if let Some(advice) = advice(error) {
-        complain(format_args!("  -> {advice}"));
-    }
+    complain_with(format_args!("error: {}", chain(error.as_ref())), advice(error));
     ExitCode::from(code(error))
 }
 
 /// What to do about an error which does not say so itself.
 fn advice(error: &anyhow::Error) -> Option<&'static str> {
-    error.chain().find_map(|cause| match cause.downcast_ref::<CallError>()? {
+    error.chain().find_map(|cause| of_database(cause).or_else(|| of_call(cause)))
+}
+
+/// The error of a database is found as it is, or as the cause of one that shows its words alone.
+fn opening<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Option<&'e OpenError> {
+    cause.downcast_ref::<OpenError>().or_else(|| match cause.downcast_ref::<ServerError>() {
+        Some(ServerError::Open(error)) => Some(error),
+        _ => match cause.downcast_ref::<OfflineError>()? {
+            OfflineError::Open(error) => Some(error),
+            _ => None,
+        },
+    })
+}
+
+fn of_database(cause: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    opening(cause).map(OpenError::advice)
+}
+
+fn of_call(cause: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    match cause.downcast_ref::<CallError>()? {
         error @ (CallError::Certificate { .. } | CallError::Foreign { .. }) => error.advice(),
         CallError::Unreachable { .. } => Some(
             "is a coordinator running there? `manduca serve` starts one; --coordinator URL or MANDUCA_COORDINATOR \
@@ -59,7 +76,7 @@ fn advice(error: &anyhow::Error) -> Option<&'static str> {
             429 | 503 => Some("the same line a little later may do"),
             _ => None,
         },
-    })
+    }
 }
 
 fn code(error: &anyhow::Error) -> u8 {
@@ -70,7 +87,18 @@ fn code(error: &anyhow::Error) -> u8 {
         );
         let by_worker =
             matches!(cause.downcast_ref::<WorkerError>(), Some(WorkerError::Settings(_) | WorkerError::Refused(_)));
-        by_coordinator || by_worker || cause.is::<Refused>()
+        // Nothing was changed, and something other than this line has to be.
+        let by_database = matches!(
+            opening(cause),
+            Some(
+                OpenError::Missing(_)
+                    | OpenError::Held { .. }
+                    | OpenError::Newer { .. }
+                    | OpenError::Older { .. }
+                    | OpenError::Other { .. }
+            )
+        );
+        by_coordinator || by_worker || by_database || cause.is::<Refused>()
     });
     if refused { REFUSED } else { FAILED }
 }

@@ -6,6 +6,7 @@ mod commands;
 mod cost;
 mod endings;
 mod exit;
+mod file;
 mod files;
 mod follow;
 mod logging;
@@ -35,7 +36,11 @@ fn main() -> ExitCode {
         Ok(runtime) => runtime,
         Err(error) => return exit::report(&error.into()),
     };
-    let code = runtime.block_on(commands::dispatch(cli.command)).unwrap_or_else(|error| exit::report(&error));
+    signals::ignore_file_size_limit(&runtime);
+    let done = runtime.block_on(commands::dispatch(cli.command));
+    // What was logged comes before what is said last.
+    logging::finish();
+    let code = done.unwrap_or_else(|error| exit::report(&error));
     // A draw of samples still on its own thread must not hold up the end.
     runtime.shutdown_timeout(Duration::from_secs(1));
     code

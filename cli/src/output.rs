@@ -105,17 +105,51 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
+/// Whether what is said is JSON, as the log lines are.
+static JSON: AtomicBool = AtomicBool::new(false);
+
+/// From now on each thing said on standard error is a JSON object.
+pub fn speak_json() {
+    JSON.store(true, Ordering::Relaxed);
+}
+
+/// Whether each thing said on standard error is a JSON object.
+pub fn speaks_json() -> bool {
+    JSON.load(Ordering::Relaxed)
+}
+
 /// Says something which is not the answer.
 pub fn note(text: impl fmt::Display) {
     if !is_quiet() {
-        complain(text);
+        say("INFO", &text.to_string(), None);
     }
 }
 
 /// Says what went wrong.
 pub fn complain(text: impl fmt::Display) {
+    say("ERROR", &text.to_string(), None);
+}
+
+/// Says what went wrong, and what to do about it.
+pub fn complain_with(text: impl fmt::Display, advice: Option<&str>) {
+    say("ERROR", &text.to_string(), advice);
+}
+
+fn say(level: &str, text: &str, advice: Option<&str>) {
+    let line = if speaks_json() {
+        let mut line = serde_json::json!({
+            "timestamp": jiff::Timestamp::now().to_string(), "level": level, "message": shown(text),
+        });
+        if let Some(advice) = advice {
+            line["advice"] = advice.into();
+        }
+        line.to_string()
+    } else {
+        let advice = advice.map(|advice| format!("\n  -> {advice}")).unwrap_or_default();
+        format!("{}{advice}", shown(text))
+    };
     // With standard error gone there is no one left to tell.
-    let _ = writeln!(io::stderr().lock(), "{}", shown(&text.to_string()));
+    let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use manduca_protocol::text::{shown, shown_in_line};
 use manduca_protocol::view::{StudyState, StudyView};
 
-use crate::output::{is_quiet, note};
+use crate::output::{is_quiet, note, speaks_json};
 
 /// Between two lines about the same stage where there is no terminal.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
@@ -79,7 +79,7 @@ pub struct Meter {
 impl Meter {
     /// A meter on standard error.
     pub fn new() -> Self {
-        let bar = (std::io::stderr().is_terminal() && !is_quiet()).then(|| {
+        let bar = (std::io::stderr().is_terminal() && !is_quiet() && !speaks_json()).then(|| {
             let bar = ProgressBar::new(0);
             if let Ok(style) = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len}  {msg}  [{elapsed}]") {
                 bar.set_style(style);

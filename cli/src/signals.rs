@@ -2,6 +2,21 @@
 
 use manduca_worker::Shutdown;
 
+/// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does, instead of
+/// ending the program: a handler takes the place of the signal's default action.
+#[cfg(unix)]
+pub fn ignore_file_size_limit(runtime: &tokio::runtime::Runtime) {
+    use tokio::signal::unix::{SignalKind, signal};
+    /// SIGXFSZ, on Linux but for MIPS, macOS and the BSDs.
+    const FILE_SIZE: i32 = 25;
+    let _guard = runtime.enter();
+    // Where it cannot be heard, all is as it was.
+    drop(signal(SignalKind::from_raw(FILE_SIZE)));
+}
+
+#[cfg(not(unix))]
+pub fn ignore_file_size_limit(_: &tokio::runtime::Runtime) {}
+
 /// Tokens which the signals of this process cancel.
 pub fn shutdown() -> Shutdown {
     let shutdown = Shutdown::default();

@@ -16,6 +16,7 @@ const VARIABLE: &str = "MANDUCA_TOKEN";
 /// The token given to this command, if any: the file's before the variable's.
 pub fn given(file: Option<&Path>) -> Result<Option<String>> {
     if let Some(file) = file {
+        check_permissions(file)?;
         let text = std::fs::read_to_string(file);
         let text = text.map_err(|e| refused(format!("--token-file {}: {e}", file.display())))?;
         return Ok(Some(text.trim().to_owned()));
@@ -25,6 +26,28 @@ pub fn given(file: Option<&Path>) -> Result<Option<String>> {
         Err(std::env::VarError::NotPresent) => Ok(None),
         Err(_) => Err(refused(format!("{VARIABLE} is not text"))),
     }
+}
+
+/// Warns of a file others can read, and refuses one others can write: they could put their token there, which a
+/// coordinator would let in and a worker would follow. Secrets mounted into a container may be read by all.
+#[cfg(unix)]
+fn check_permissions(file: &Path) -> Result<()> {
+    use std::os::unix::fs::MetadataExt;
+    // What is wrong with a file that cannot be looked at is told when it is read.
+    let Ok(mode) = file.metadata().map(|m| m.mode()) else { return Ok(()) };
+    let path = file.display();
+    if mode & 0o002 != 0 {
+        return Err(refused(format!("--token-file {path}: everybody can write it; `chmod 600 {path}` keeps it yours")));
+    }
+    if mode & 0o004 != 0 {
+        note(format_args!("--token-file {path}: everybody here can read it; `chmod 600 {path}` keeps it yours"));
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn check_permissions(_: &Path) -> Result<()> {
+    Ok(())
 }
 
 impl Coordinator {

@@ -24,14 +24,27 @@ impl Report {
         let figures = folder.join("figures");
         fs::create_dir_all(&figures)?;
         let mut paths = vec![folder.join(self.name)];
-        fs::write(&paths[0], &self.text)?;
+        write_whole(&paths[0], &self.text)?;
         for (name, svg) in &self.figures {
             let path = figures.join(name);
-            fs::write(&path, svg)?;
+            write_whole(&path, svg)?;
             paths.push(path);
         }
         Ok(paths)
     }
+}
+
+/// Writes a file beside its place and moves it there when it is complete: a failure leaves the old one.
+fn write_whole(path: &Path, text: &str) -> io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}-new", std::process::id()));
+    let beside = path.with_file_name(name);
+    let written = fs::write(&beside, text).and_then(|()| fs::rename(&beside, path));
+    if written.is_err() {
+        // It may not even have been made.
+        let _ = fs::remove_file(&beside);
+    }
+    written
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use manduca_protocol::problem::{FieldProblem, Problem, bounded};
 use manduca_protocol::worker::{OLDEST_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 use crate::auth::Scope;
-use crate::store::StoreError;
+use crate::store::{StoreError, Trouble};
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -218,6 +218,19 @@ impl ApiError {
         }
     }
 
+    /// What happened; of the store also why, as far as its operator can do something about it.
+    fn detail(&self) -> String {
+        let (Self::Unavailable(cause) | Self::Internal(cause)) = self else { return self.to_string() };
+        match (Trouble::of(cause.as_ref()), cause.downcast_ref()) {
+            (Some(trouble), _) => format!("{self}: {}", trouble.what()),
+            (None, Some(StoreError::Failing(why))) => format!("{self}: {why}"),
+            (None, Some(StoreError::Corrupt(why))) => {
+                format!("{self}: what is stored cannot be read, {why}; `manduca db check` says more")
+            }
+            _ => self.to_string(),
+        }
+    }
+
     /// The refusal as sent.
     pub fn problem(&self) -> Problem {
         let (status, slug, title) = self.class();
@@ -225,7 +238,7 @@ impl ApiError {
             kind: format!("urn:manduca:problem:{slug}"),
             title: title.into(),
             status: status.as_u16(),
-            detail: self.to_string(),
+            detail: self.detail(),
             errors: self.fields(),
         }
     }
@@ -236,13 +249,17 @@ impl ApiError {
     }
 }
 
-/// An error with the errors below it, in one line.
-pub(crate) fn chain(error: &(dyn std::error::Error + 'static)) -> String {
+/// An error with the errors below it, in one line. Many errors end with the words of the one below,
+/// which are not repeated.
+pub fn chain(error: &(dyn std::error::Error + 'static)) -> String {
     let mut text = error.to_string();
     let mut below = error.source();
     while let Some(cause) = below {
-        text.push_str(": ");
-        text.push_str(&cause.to_string());
+        let words = cause.to_string();
+        if !text.contains(&words) {
+            text.push_str(": ");
+            text.push_str(&words);
+        }
         below = cause.source();
     }
     text
@@ -297,8 +314,12 @@ impl From<StoreError> for ApiError {
             StoreError::WrongState(why) => Self::WrongState(why),
             StoreError::AnotherToken(why) => Self::AnotherToken(why),
             StoreError::IdempotencyKeyReused => Self::IdempotencyKeyReused,
-            StoreError::Corrupt(_) | StoreError::Panicked => Self::Internal(Box::new(error)),
-            StoreError::Sql(_) | StoreError::Commit(_) | StoreError::Closed => Self::Unavailable(Box::new(error)),
+            StoreError::Corrupt(_) | StoreError::Unreadable(..) | StoreError::Panicked => {
+                Self::Internal(Box::new(error))
+            }
+            StoreError::Sql(_) | StoreError::Commit(_) | StoreError::Closed | StoreError::Failing(_) => {
+                Self::Unavailable(Box::new(error))
+            }
         }
     }
 }

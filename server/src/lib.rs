@@ -2,8 +2,8 @@
 //! keeps what they return and moves each study from stage to stage. It computes
 //! nothing itself but predictions of a trained network, and the one stroke or front somebody looks at.
 //!
-//! [`run`] serves on a listener until told to stop; [`open`] and [`app`] are its
-//! two halves, so that tests start the real thing without a socket.
+//! [`Hold::take`] makes a process the one coordinator of a database, [`open`] opens it and [`serve`] serves
+//! on a listener until told to stop; [`app`] is the service without a socket, for tests.
 
 mod app;
 mod auth;
@@ -19,6 +19,7 @@ mod error;
 mod event;
 mod fair;
 mod heavy;
+mod hold;
 mod http;
 mod large;
 mod look;
@@ -45,9 +46,12 @@ pub use auth::{Access, Host, Hosts, Scope, Scopes, Secret, TokenHash};
 pub use check::{Checked, check};
 pub use clock::{Clock, SystemClock};
 pub use config::{Config, RunLimits};
-pub use error::ApiError;
-pub use offline::upkeep::{Findings, Pruned};
+pub use error::{ApiError, chain};
+pub use hold::{Duty, Hold, Holder, Taken};
+pub use offline::check::Findings;
+pub use offline::upkeep::Pruned;
 pub use offline::{Offline, OfflineError, Token};
 pub use routes::document as openapi;
-pub use serve::{ServerError, run};
+pub use serve::{ServerError, serve};
 pub use state::{AppState, open, open_with_clock};
+pub use store::OpenError;

@@ -1,5 +1,6 @@
 //! Work on a database from outside the coordinator, which may run meanwhile.
 
+pub(crate) mod check;
 pub(crate) mod upkeep;
 
 use std::path::Path;
@@ -17,7 +18,7 @@ const LONGEST_NAME: usize = 100;
 #[derive(Debug, thiserror::Error)]
 pub enum OfflineError {
     /// It could not be opened.
-    #[error("cannot open the database")]
+    #[error(transparent)]
     Open(#[from] OpenError),
     /// SQLite refused.
     #[error("the database failed")]
@@ -49,12 +50,28 @@ pub struct Offline {
 }
 
 impl Offline {
-    /// Opens a database, which is made when missing, and brings its tables up to date.
+    /// Opens a database and brings its tables up to date. It is made when missing.
     ///
     /// # Errors
     /// When that fails.
+    pub async fn make(database: &Path) -> Result<Self, OfflineError> {
+        Ok(Self { file: File::make(database).await? })
+    }
+
+    /// Opens a database to change something, and brings its tables up to date.
+    ///
+    /// # Errors
+    /// When there is none, or that fails.
     pub async fn open(database: &Path) -> Result<Self, OfflineError> {
         Ok(Self { file: File::open(database).await? })
+    }
+
+    /// Opens a database to look at it: neither the file nor its folder is changed, and both may be read-only.
+    ///
+    /// # Errors
+    /// When there is none, or it cannot be read.
+    pub async fn look(database: &Path) -> Result<Self, OfflineError> {
+        Ok(Self { file: File::look(database).await? })
     }
 
     /// Makes a token. What is returned is shown once and stored nowhere.
@@ -82,6 +99,7 @@ impl Offline {
     /// # Errors
     /// When they cannot be read.
     pub async fn tokens(&mut self) -> Result<Vec<Token>, OfflineError> {
+        self.file.check_version().await?;
         let rows = list_tokens(self.file.db()).await?;
         let token = |row: crate::store::TokenRow| Token {
             name: row.name,

@@ -1,6 +1,6 @@
 //! The open coordinator: what every handler shares.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use manduca_protocol::ids::WorkerId;
@@ -10,17 +10,18 @@ use tokio_util::sync::CancellationToken;
 
 use crate::auth::{Refusals, Tokens};
 use crate::changes::Changes;
-use crate::clock::{Clock, SystemClock};
+use crate::clock::{Clock, SystemClock, rfc3339};
 use crate::config::Config;
 use crate::event::Event;
 use crate::heavy::Heavy;
+use crate::hold::{Hold, Holder};
 use crate::large::Large;
 use crate::memory::{Memory, Waits};
 use crate::metrics::Metrics;
 use crate::rate::Rates;
 use crate::registrations::Registrations;
 use crate::serve::ServerError;
-use crate::store::{Pace, Prune, Recover, Store, StoreError, Sweep};
+use crate::store::{Pace, Prune, Pruned, Recover, Remember, Store, StoreError, Sweep};
 use crate::turn::Turns;
 
 /// An open coordinator. Clones share it; [`AppState::close`] ends it.
@@ -45,18 +46,23 @@ struct Inner {
     memory: Memory,
     large: Large,
     heavy: Heavy,
+    hold: Mutex<Option<Hold>>,
+    /// Cancelled when the sweep has ended.
+    swept: CancellationToken,
 }
 
-/// Opens the store and starts what runs beside the requests: the writer and the
-/// sweep of expired leases.
+/// Opens the store of a database that is held and starts what runs beside the requests: the writer
+/// and the sweep of expired leases.
 ///
 /// # Errors
 /// When the database cannot be opened or brought up to date.
-pub async fn open(config: Config) -> Result<AppState, ServerError> {
-    open_with_clock(config, Arc::new(SystemClock::start())).await
+pub async fn open(config: Config, hold: Hold) -> Result<AppState, ServerError> {
+    let state = open_with_clock(config, Arc::new(SystemClock::start())).await?;
+    *state.hold() = Some(hold);
+    Ok(state)
 }
 
-/// [`open`] with a clock of one's own, for tests which move time.
+/// [`open`] with a clock of one's own and without a hold, for tests which move time.
 ///
 /// # Errors
 /// When the database cannot be opened or brought up to date.
@@ -75,12 +81,17 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     };
     let store = Store::open(config.clone(), clock.clone(), observer, metrics.clone()).await?;
     store.run(Recover).await?;
-    let stopping = CancellationToken::new();
+    let (stopping, swept) = (CancellationToken::new(), CancellationToken::new());
     let refusals = Arc::new(Refusals::default());
-    let pace = Pace::start(clock.now_ms());
-    tokio::spawn(sweep(store.clone(), config.clone(), pace, refusals.clone(), stopping.clone()));
     tokio::spawn(forget(store.clone(), clock.clone(), stopping.clone()));
     let registrations = Registrations::new(config.registrations, config.registrations_per_s);
+    let ends = swept.clone().drop_guard();
+    let (pace, began) = (Pace::start(clock.now_ms()), clock.now_ms());
+    let sweeping = sweep(store.clone(), config.clone(), pace, refusals.clone(), began, stopping.clone());
+    tokio::spawn(async move {
+        let _ends = ends;
+        sweeping.await;
+    });
     Ok(AppState {
         inner: Arc::new(Inner {
             heavy: Heavy::new(processors(), config.readers),
@@ -98,6 +109,8 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             turns: Turns::default(),
             memory: Memory::new(processors(), Waits::default()),
             large: Large::default(),
+            hold: Mutex::default(),
+            swept,
         }),
     })
 }
@@ -125,11 +138,20 @@ fn observe(events: &[Event], rates: &Rates, ready: &Notify, metrics: &Metrics, n
 const PRUNE: Duration = Duration::from_secs(600);
 
 /// Removes studies whose time is over, one commit each.
-async fn prune(store: &Store) {
+async fn prune(store: &Store, began: i64) {
     loop {
-        match store.run(Prune).await {
-            Ok(true) => {}
-            Ok(false) | Err(StoreError::Closed) => return,
+        match store.run(Prune { began }).await {
+            Ok(Pruned::One) => {}
+            Ok(Pruned::None) | Err(StoreError::Closed) => return,
+            Ok(Pruned::Doubtful { last }) => {
+                let last = rfc3339(last);
+                tracing::error!(
+                    last_seen = %last,
+                    "No study is removed: the clock is more than a day after the last time at which this database was \
+                     in use. If the clock is right, removal begins when the coordinator has run for a day"
+                );
+                return;
+            }
             Err(error) => {
                 tracing::error!(error.cause = %crate::error::chain(&error), "Old studies could not be removed");
                 return;
@@ -158,29 +180,43 @@ async fn forget(store: Store, clock: Arc<dyn Clock>, stopping: CancellationToken
     }
 }
 
+/// What is done at the start and every [`PRUNE`].
+async fn keep_house(store: &Store, config: &Config, began: i64) {
+    if config.keep.is_some() {
+        prune(store, began).await;
+    }
+    match store.run(Remember { began }).await {
+        Ok(()) | Err(StoreError::Closed) => {}
+        Err(error) => tracing::error!(error.cause = %crate::error::chain(&error), "The time could not be remembered"),
+    }
+}
+
 /// Looks for expired leases and ended waits until the coordinator stops.
 async fn sweep(
     store: Store,
     config: Arc<Config>,
     mut pace: Pace,
     refusals: Arc<Refusals>,
+    began: i64,
     stopping: CancellationToken,
 ) {
-    prune(&store).await;
-    let mut pruned = Instant::now();
+    keep_house(&store, &config, began).await;
+    let mut kept = Instant::now();
     loop {
         tokio::select! {
             () = stopping.cancelled() => return,
             () = tokio::time::sleep(config.sweep) => {}
         }
         refusals.tell_rest();
-        if config.keep.is_some() && pruned.elapsed() >= PRUNE {
-            pruned = Instant::now();
-            prune(&store).await;
+        if kept.elapsed() >= PRUNE {
+            kept = Instant::now();
+            keep_house(&store, &config, began).await;
         }
         // A sweep which fails has not come by: whatever kept it away kept renewals away too.
         match store.run(Sweep { pace }).await {
             Ok(swept) => pace = swept,
+            // Of a batch which is not committed the writer tells.
+            Err(StoreError::Commit(_)) => {}
             Err(StoreError::Closed) => return,
             Err(error) => {
                 tracing::error!(error.cause = %crate::error::chain(&error), "Expired leases could not be looked for");
@@ -275,9 +311,40 @@ impl AppState {
         &self.inner.stopping
     }
 
-    /// Stops the sweep, has all queued operations committed and closes the database.
+    fn hold(&self) -> std::sync::MutexGuard<'_, Option<Hold>> {
+        self.inner.hold.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes beside the database where this coordinator is reached, for others that would use the same one.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn announce(&self, holder: &Holder) -> std::io::Result<()> {
+        self.hold().as_ref().map_or(Ok(()), |hold| hold.announce(holder))
+    }
+
+    /// For how long the database has taken no changes, and why.
+    pub fn failing(&self) -> Option<(Duration, String)> {
+        self.inner.store.failing()
+    }
+
+    /// Whether the database was removed or replaced while in use.
+    pub fn is_gone(&self) -> bool {
+        self.inner.store.is_gone()
+    }
+
+    /// Resolves when a part without which the coordinator is of no use has ended; says which.
+    pub(crate) async fn broken(&self) -> &'static str {
+        tokio::select! {
+            () = self.inner.store.ended() => "the writer of the database",
+            () = self.inner.swept.cancelled() => "the search for expired leases",
+        }
+    }
+
+    /// Stops the sweep, has all queued operations committed, closes the database and lets others have it.
     pub async fn close(&self) {
         self.inner.stopping.cancel();
         self.inner.store.close().await;
+        *self.hold() = None;
     }
 }

@@ -62,6 +62,11 @@ impl Client {
         }
     }
 
+    /// The address.
+    pub fn base(&self) -> &str {
+        &self.base
+    }
+
     /// A request of any kind, to be completed and given to [`Client::send`].
     pub fn request(&self, method: &str, path: &str) -> RequestBuilder {
         let method = Method::from_bytes(method.as_bytes()).expect("a method");

@@ -63,6 +63,11 @@ impl Coordinator {
         Self::prepared(&[], None, environment)
     }
 
+    /// [`Coordinator::start_serving`] with an environment which depends on its folder.
+    pub fn start_serving_with(arguments: &[&str], environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
+        Self::prepared(arguments, None, environment)
+    }
+
     fn prepared(arguments: &[&str], space: Option<u64>, environment: impl Fn(&Path) -> Vec<(String, String)>) -> Self {
         loop {
             // Another process may take the port first; then the next one is tried.
@@ -167,6 +172,11 @@ impl Coordinator {
     /// Its folder; the database is in `data`.
     pub fn folder(&self) -> &Path {
         self.folder.path()
+    }
+
+    /// The folder of its database, as an argument.
+    pub fn data(&self) -> String {
+        self.folder().join("data").to_str().expect("a temporary folder has a plain name").to_owned()
     }
 
     /// Starts a worker with one slot.
@@ -279,7 +289,7 @@ fn serve(
 
 /// A port nobody listens on. Test processes start at different places, and
 /// tests of one process never get the same port.
-fn free_port() -> u16 {
+pub fn free_port() -> u16 {
     static TRIED: AtomicU16 = AtomicU16::new(0);
     let start = process::id().wrapping_mul(37) % u32::from(PORTS);
     loop {

@@ -16,12 +16,26 @@ pub struct Process {
 
 impl Process {
     /// Starts a command; what it says goes to `<folder>/<name>.log`.
-    pub fn start(mut command: Command, folder: &Path, name: &str) -> Self {
-        let log = folder.join(format!("{name}.log"));
-        let file = File::create(&log).expect("a log file can be made");
+    pub fn start(command: Command, folder: &Path, name: &str) -> Self {
+        let file = File::create(folder.join(format!("{name}.log"))).expect("a log file can be made");
         // A pipe nobody reads would fill up and block the child; a file cannot.
-        let child = command.stdout(Stdio::null()).stderr(file).spawn().expect("the program can be started");
-        Self { child, name: name.to_owned(), log }
+        Self::start_saying(command, folder, name, file)
+    }
+
+    /// [`Process::start`] with something else for what it says.
+    pub fn start_saying(mut command: Command, folder: &Path, name: &str, stderr: impl Into<Stdio>) -> Self {
+        let child = command.stdout(Stdio::null()).stderr(stderr).spawn().expect("the program can be started");
+        Self { child, name: name.to_owned(), log: folder.join(format!("{name}.log")) }
+    }
+
+    /// Lets go of the pipe into which it says things.
+    pub fn stop_listening(&mut self) {
+        self.child.stderr = None;
+    }
+
+    /// Its id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// What it has said so far.

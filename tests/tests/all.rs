@@ -26,6 +26,10 @@ mod limits;
 // Everything a client can get wrong, and how it is told.
 #[path = "all/refusals.rs"]
 mod refusals;
+// What operators see, and what becomes of their files.
+#[cfg(target_os = "linux")]
+#[path = "all/operators.rs"]
+mod operators;
 // The commands which talk to a coordinator.
 #[path = "all/remote.rs"]
 mod remote;

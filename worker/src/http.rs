@@ -11,7 +11,7 @@ use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::redirect::Policy;
 use reqwest::{ClientBuilder, RequestBuilder, Url};
 
-pub use answer::{call, open, send, send_expecting};
+pub use answer::{call, call_for_status, open, send, send_expecting};
 pub use error::CallError;
 pub(crate) use error::Class;
 pub use reqwest::StatusCode;

@@ -11,7 +11,7 @@ use super::Coordinator;
 pub enum DbCommand {
     /// Write a compact copy of a database, which may be in use, and check the copy.
     Backup(BackupArgs),
-    /// Check a database: the file, what must hold between its tables, every result's digest.
+    /// Check a database: the file, what must hold in and between its tables, every digest and key.
     Check(CheckArgs),
     /// Remove studies which ended long ago.
     Prune(PruneArgs),
@@ -45,7 +45,9 @@ pub struct BackupArgs {
 
 /// `manduca db check`.
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code 1 where something is wrong.")]
+#[command(after_help = "\
+The file is only read: it may lie on a read-only disk, belong to another user, and be in use.
+Exit code 1 where something is wrong.")]
 pub struct CheckArgs {
     #[command(flatten)]
     pub data: Data,
@@ -70,6 +72,9 @@ pub struct PruneArgs {
     /// Only say what would be removed.
     #[arg(long)]
     pub dry_run: bool,
+    /// Believe this machine's clock, even if it is more than a day after the database was last in use.
+    #[arg(long)]
+    pub force: bool,
     #[command(flatten)]
     pub data: Data,
     /// Print one JSON array.

@@ -28,8 +28,9 @@ Scopes:
   admin    all of these, and drain workers
 
 Examples:
-  manduca token create cluster --scope worker > worker-token
-  manduca token create ada --scope submit")]
+  manduca token create cluster --scope worker --out worker-token
+  manduca token create ada --scope submit
+  manduca token create root --scope admin --init         before the first start of a coordinator")]
 pub struct CreateTokenArgs {
     /// Name for people, to revoke it by.
     pub name: String,
@@ -39,7 +40,13 @@ pub struct CreateTokenArgs {
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "manduca-data", env = "MANDUCA_DATA")]
     pub data: PathBuf,
-    /// Print one JSON object: name, scopes and the token.
+    /// Write the token to a new file which only you can read, instead of printing it.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Make the database when there is none yet.
+    #[arg(long)]
+    pub init: bool,
+    /// Print one JSON object: name, scopes and the token, or its file.
     #[arg(long)]
     pub json: bool,
 }

@@ -1,7 +1,6 @@
 //! `manduca dataset` and `manduca study model`.
 
-use std::fs::File;
-use std::io::{BufWriter, IsTerminal, Write, stdout as terminal};
+use std::io::{IsTerminal, Write, stdout as terminal};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -9,8 +8,10 @@ use anyhow::{Context, Result};
 
 use crate::args::{DatasetArgs, DatasetFormat, SurrogateArgs, SurrogateFormat};
 use crate::endings;
-use crate::exit::refused;
+use crate::exit::{INTERRUPTED, refused};
+use crate::file::Draft;
 use crate::output::{Output, note};
+use crate::signals;
 use crate::whole::Whole;
 
 /// Endings of a dataset's file.
@@ -38,36 +39,49 @@ pub async fn dataset(args: DatasetArgs) -> Result<ExitCode> {
     let part = if args.provenance { "dataset?provenance=true" } else { "dataset" };
     let response = api.part(id, part, media_type).await?;
     let whole = Whole::of(format, &response);
-    save(response, args.output.as_deref(), Some(whole)).await?;
+    save(response, args.output.as_deref(), Some(whole)).await
+}
+
+/// Writes an answer as it arrives, to standard output or into a file, which appears when all of it is there;
+/// fails where it does not come whole.
+pub async fn save(mut response: reqwest::Response, path: Option<&Path>, mut whole: Option<Whole>) -> Result<ExitCode> {
+    let Some(path) = path else {
+        let mut out = Output::stdout();
+        while let Some(chunk) = response.chunk().await.context("the answer broke off")? {
+            out.writer().write_all(&chunk)?;
+            take(&mut whole, &chunk);
+        }
+        out.writer().flush()?;
+        whole.as_ref().map_or(Ok(()), Whole::check)?;
+        return Ok(ExitCode::SUCCESS);
+    };
+    let told = || format!("cannot write {}", path.display());
+    let mut draft = Draft::begin(path).with_context(told)?;
+    let interrupted = signals::shutdown();
+    loop {
+        let chunk = tokio::select! {
+            chunk = response.chunk() => chunk,
+            () = interrupted.drain.cancelled() => {
+                note(format_args!("interrupted; {} is as it was", path.display()));
+                return Ok(ExitCode::from(INTERRUPTED));
+            }
+        };
+        let chunk = chunk.with_context(|| format!("the answer broke off; {} is as it was", path.display()))?;
+        let Some(chunk) = chunk else { break };
+        draft.write_all(&chunk).with_context(told)?;
+        take(&mut whole, &chunk);
+    }
+    let checked = whole.as_ref().map_or(Ok(()), Whole::check);
+    checked.with_context(|| format!("{} is as it was", path.display()))?;
+    draft.finish().with_context(told)?;
+    note(format_args!("wrote {}", path.display()));
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes an answer as it arrives into a file, or to standard output; fails where it does not come whole.
-pub async fn save(mut response: reqwest::Response, path: Option<&Path>, mut whole: Option<Whole>) -> Result<()> {
-    let mut stdout;
-    let mut file;
-    let out: &mut dyn Write = match path {
-        Some(path) => {
-            file = BufWriter::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?);
-            &mut file
-        }
-        None => {
-            stdout = Output::stdout();
-            stdout.writer()
-        }
-    };
-    while let Some(chunk) = response.chunk().await.context("the answer broke off")? {
-        out.write_all(&chunk)?;
-        if let Some(whole) = &mut whole {
-            whole.take(&chunk);
-        }
+fn take(whole: &mut Option<Whole>, chunk: &[u8]) {
+    if let Some(whole) = whole {
+        whole.take(chunk);
     }
-    out.flush()?;
-    whole.as_ref().map_or(Ok(()), Whole::check)?;
-    if let Some(path) = path {
-        note(format_args!("wrote {}", path.display()));
-    }
-    Ok(())
 }
 
 /// Writes the surrogate of a study.
@@ -81,8 +95,7 @@ pub async fn model(args: SurrogateArgs) -> Result<ExitCode> {
     binary(format == SurrogateFormat::Onnx, output, "net.onnx")?;
     let api = args.coordinator.api()?;
     let id = api.find(&args.study).await?;
-    save(api.part(id, "surrogate/model", media_type).await?, output, None).await?;
-    Ok(ExitCode::SUCCESS)
+    save(api.part(id, "surrogate/model", media_type).await?, output, None).await
 }
 
 /// As asked, else by the ending of the file.

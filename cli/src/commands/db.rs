@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use super::serve::DATABASE;
-use super::token::{open, told};
+use super::token::{look, open, told};
 use crate::args::{BackupArgs, CheckArgs, DbCommand, PruneArgs};
-use crate::exit::refused;
+use crate::exit::INTERRUPTED;
 use crate::output::{Output, counted, note};
+use crate::signals;
 
 /// Does what was asked for.
 pub async fn db(command: DbCommand) -> Result<ExitCode> {
@@ -20,20 +20,13 @@ pub async fn db(command: DbCommand) -> Result<ExitCode> {
     }
 }
 
-/// Unlike a coordinator, these do not make a database where there is none.
-async fn existing(data: &std::path::Path) -> Result<manduca_server::Offline> {
-    if !data.join(DATABASE).is_file() {
-        return Err(refused(format!(
-            "there is no database in {}: --data DIR or MANDUCA_DATA names its folder",
-            data.display()
-        )));
-    }
-    open(data).await
-}
-
 async fn backup(args: BackupArgs) -> Result<ExitCode> {
-    let mut database = existing(&args.data.data).await?;
-    database.backup(&args.file).await.map_err(told)?;
+    let mut database = look(&args.data.data).await?;
+    let interrupted = signals::shutdown();
+    tokio::select! {
+        done = database.backup(&args.file) => done.map_err(told)?,
+        () = interrupted.drain.cancelled() => return Ok(ExitCode::from(INTERRUPTED)),
+    }
     database.close().await;
     if args.json {
         let bytes = std::fs::metadata(&args.file)?.len();
@@ -45,7 +38,7 @@ async fn backup(args: BackupArgs) -> Result<ExitCode> {
 }
 
 async fn check(args: CheckArgs) -> Result<ExitCode> {
-    let mut database = existing(&args.data.data).await?;
+    let mut database = look(&args.data.data).await?;
     let findings = database.check().await?;
     database.close().await;
     let mut out = Output::stdout();
@@ -56,15 +49,21 @@ async fn check(args: CheckArgs) -> Result<ExitCode> {
             out.line(line)?;
         }
         let verdict = if findings.is_well() { "all is well" } else { "something is wrong" };
-        out.line(format_args!("{verdict}; {} results compared with their digests", findings.results))?;
+        out.line(format_args!(
+            "{verdict}; {} results compared with their digests, {} simulations with their keys",
+            findings.results, findings.keys
+        ))?;
     }
     Ok(if findings.is_well() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 async fn prune(args: PruneArgs) -> Result<ExitCode> {
-    let mut database = existing(&args.data.data).await?;
     let older_than = Duration::from_secs_f64(args.older_than_days * 86_400.0);
-    let removed = database.prune(older_than, args.dry_run).await?;
+    let mut database = if args.dry_run { look(&args.data.data).await? } else { open(&args.data.data).await? };
+    let removed = match args.dry_run {
+        true => database.prunable(older_than).await?,
+        false => database.prune(older_than, args.force).await.map_err(told)?,
+    };
     database.close().await;
     let mut out = Output::stdout();
     if args.json {

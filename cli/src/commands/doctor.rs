@@ -134,6 +134,11 @@ async fn folder(data: &Path) -> Vec<Finding> {
             finding("disk", Verdict::Note, format!("{rate:.0} durable writes/s: it limits the coordinator"))
         }
         Ok(rate) => finding("disk", Verdict::Well, format!("{rate:.0} durable writes/s")),
+        Err(error) if is_read_only(&error) => finding(
+            "disk",
+            Verdict::Note,
+            format!("{} may only be read by this user ({error}): a coordinator could not use it", data.display()),
+        ),
         Err(error) => finding("disk", Verdict::Wrong, format!("{} takes no files: {error}", data.display())),
     }];
     if !data.join(DATABASE).is_file() {
@@ -141,7 +146,7 @@ async fn folder(data: &Path) -> Vec<Finding> {
         return findings;
     }
     let checked = async {
-        let mut database = super::token::open(data).await?;
+        let mut database = super::token::look(data).await?;
         let checked = database.check().await;
         database.close().await;
         anyhow::Ok(checked?)
@@ -155,9 +160,15 @@ async fn folder(data: &Path) -> Vec<Finding> {
             Verdict::Wrong,
             found.damage.into_iter().chain(found.breaches).collect::<Vec<_>>().join("; "),
         ),
-        Err(error) => finding("database", Verdict::Wrong, format!("{error:#}")),
+        Err(error) => finding("database", Verdict::Wrong, manduca_server::chain(error.as_ref())),
     });
     findings
+}
+
+/// Whether files cannot be made there because of who asks or where it is.
+fn is_read_only(error: &anyhow::Error) -> bool {
+    let kinds = [std::io::ErrorKind::PermissionDenied, std::io::ErrorKind::ReadOnlyFilesystem];
+    error.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|e| kinds.contains(&e.kind())))
 }
 
 /// The part of a coordinator's health which must fit this program's.

@@ -19,7 +19,7 @@ use manduca_report::reproduction::{self, Effort, Study};
 use crate::api::Api;
 use crate::args::FiguresArgs;
 use crate::output::{Output, note};
-use crate::render;
+use crate::{file, render};
 
 /// What is known of a study.
 struct Known {
@@ -129,7 +129,7 @@ fn write(figures: &[(&'static str, Figure)], folder: &Path, scale: f32) -> Resul
         let svg = figure.svg()?;
         for (ending, bytes) in [("png", png(&svg, scale)?), ("svg", svg.into_bytes())] {
             let path = folder.join(format!("{name}.{ending}"));
-            fs::write(&path, bytes).with_context(told)?;
+            file::write(&path, &bytes).with_context(told)?;
             paths.push(path.display().to_string());
         }
     }

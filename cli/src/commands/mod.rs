@@ -9,6 +9,7 @@ mod doctor;
 mod dry_run;
 mod figures;
 mod five;
+mod hold;
 mod host;
 mod lists;
 mod optimise;

@@ -1,7 +1,6 @@
 //! The files beside a simulation: its history and its wake.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -15,6 +14,7 @@ use super::vtk;
 use crate::args::RecordArgs;
 use crate::endings;
 use crate::exit::refused;
+use crate::file::Draft;
 use crate::output::note;
 
 /// How a history is written.
@@ -86,8 +86,8 @@ impl Records {
     fn write(&self, path: &Path, case: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
         let path = if self.many { beside(path, case) } else { path.to_owned() };
         let told = || format!("cannot write {}", path.display());
-        let mut file = BufWriter::new(File::create(&path).with_context(told)?);
-        fill(&mut file).and_then(|()| file.flush()).with_context(told)?;
+        let mut draft = Draft::begin(&path).with_context(told)?;
+        fill(&mut draft).and_then(|()| draft.finish()).with_context(told)?;
         note(format_args!("wrote {}", path.display()));
         Ok(())
     }

@@ -1,117 +1,116 @@
 //! `manduca run`: coordinator, worker and client in one process.
 
+mod service;
+
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, bail};
 use manduca_numerics::simulation::SOLVER_VERSION;
 use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::{StudyResult, StudyState};
-use manduca_server::ServerError;
-use manduca_worker::{Shutdown, WorkerError};
+use manduca_worker::Shutdown;
+use manduca_worker::http::CallError;
 use serde::Serialize;
-use tokio::net::TcpListener;
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::{serve, worker};
+use super::serve::DATABASE;
 use crate::api::Api;
 use crate::args::RunArgs;
 use crate::exit::INTERRUPTED;
 use crate::follow::{Followed, follow};
 use crate::output::{Output, note};
 use crate::{render, signals, study_file};
+use service::{Service, gone};
+
+/// How long a coordinator that does not answer may take to let its database go.
+const LAST_BREATH: Duration = Duration::from_secs(15);
 
 /// Does a whole study.
 pub async fn run(args: RunArgs) -> Result<ExitCode> {
     let spec = study_file::load(&args.study)?;
     let shutdown = signals::shutdown();
-    let mut service = Service::start(&args.data, args.slots, &shutdown).await?;
-    let conducted = tokio::select! {
-        conducted = conduct(&service.api, &spec, &shutdown.drain) => conducted,
-        // Either of the two ending by itself is the reason why the study does not.
-        broken = broken(&mut service.server, &mut service.worker) => Err(broken),
-        () = shutdown.stop.cancelled() => Ok(None),
+    let database = args.data.join(DATABASE);
+    let service = tokio::select! {
+        service = Service::start(&database, args.slots, &shutdown) => service?,
+        () = shutdown.drain.cancelled() => return Ok(interrupted(&args)),
     };
+    let (service, conducted) = conduct(service, &spec, &shutdown).await;
     if shutdown.drain.is_cancelled() {
         note("finishing the running jobs; Ctrl-C again to stop at once");
     }
     shutdown.drain.cancel();
-    service.end().await;
+    if conducted.is_err() {
+        // Nobody waits for what still runs, and it may have nowhere to go.
+        shutdown.stop.cancel();
+    }
+    let is_gone = service.as_ref().is_some_and(Service::is_gone);
+    if let Some(service) = service {
+        service.end().await;
+    }
     match conducted? {
         Some(result) => {
-            tell(&args, &result)?;
-            Ok(ExitCode::SUCCESS)
+            tell(&args, &database, &result, is_gone)?;
+            if is_gone { Err(gone(&database)) } else { Ok(ExitCode::SUCCESS) }
         }
-        None => {
-            note(format_args!(
-                "interrupted; nothing is lost: the same command with --data {} goes on",
-                args.data.display()
-            ));
-            Ok(ExitCode::from(INTERRUPTED))
-        }
+        None => Ok(interrupted(&args)),
     }
 }
 
-/// A coordinator on a loopback port and a worker which talks HTTP to it.
-struct Service {
-    api: Api,
-    server: JoinHandle<Result<(), ServerError>>,
-    worker: JoinHandle<Result<manduca_worker::Summary, WorkerError>>,
-    server_ends: CancellationToken,
+fn interrupted(args: &RunArgs) -> ExitCode {
+    note(format_args!("interrupted; nothing is lost: the same command with --data {} goes on", args.data.display()));
+    ExitCode::from(INTERRUPTED)
 }
 
-impl Service {
-    async fn start(data: &Path, slots: Option<usize>, shutdown: &Shutdown) -> Result<Self> {
-        let config = serve::config(data)?;
-        let listener = TcpListener::bind("127.0.0.1:0").await.context("cannot open a loopback port")?;
-        let url = format!("http://{}", listener.local_addr()?);
-        let settings = worker::settings(url.clone(), slots, None)?;
-        let api = Api::new(&url)?;
-        let server_ends = CancellationToken::new();
-        let ends = server_ends.clone().cancelled_owned();
-        let server = tokio::spawn(manduca_server::run(listener, config, ends));
-        let worker = tokio::spawn(manduca_worker::run(settings, shutdown.clone()));
-        Ok(Self { api, server, worker, server_ends })
-    }
-
-    /// The worker first, so that it can deliver what it has.
-    async fn end(mut self) {
-        if !self.worker.is_finished() {
-            let _ = (&mut self.worker).await;
-        }
-        self.server_ends.cancel();
-        if !self.server.is_finished() {
-            let _ = (&mut self.server).await;
-        }
+/// Has the study done, whoever coordinates; none when interrupted.
+async fn conduct(
+    mut service: Service,
+    spec: &StudySpec,
+    shutdown: &Shutdown,
+) -> (Option<Service>, Result<Option<StudyResult>>) {
+    loop {
+        let (api, left_alone) = (service.api.clone(), service.left_alone());
+        let hold = tokio::select! {
+            done = follow_through(&api, spec, &shutdown.drain) => match done {
+                // The coordinator joined may be about to end: then this one goes on.
+                Err(error) if service.may_be_left_alone() && is_unanswered(&error) => {
+                    match tokio::time::timeout(LAST_BREATH, service.left_alone()).await {
+                        Ok(hold) => hold,
+                        Err(_) => return (Some(service), Err(error)),
+                    }
+                }
+                done => return (Some(service), done),
+            },
+            hold = left_alone => hold,
+            // A part that ends by itself is the reason why the study does not.
+            error = service.broken() => return (Some(service), Err(error)),
+            () = shutdown.stop.cancelled() => return (Some(service), Ok(None)),
+        };
+        let taken = match hold {
+            Ok(hold) => service.take_over(hold).await,
+            Err(error) => Err(error),
+        };
+        service = match taken {
+            Ok(service) => service,
+            Err(error) => return (None, Err(error)),
+        };
     }
 }
 
-/// Waits for a part to end which should not.
-async fn broken(
-    server: &mut JoinHandle<Result<(), ServerError>>,
-    worker: &mut JoinHandle<Result<manduca_worker::Summary, WorkerError>>,
-) -> anyhow::Error {
-    tokio::select! {
-        ended = server => match ended {
-            Ok(Ok(())) => anyhow!("the coordinator ended"),
-            Ok(Err(error)) => anyhow::Error::from(error).context("the coordinator failed"),
-            Err(error) => anyhow::Error::from(error).context("the coordinator crashed"),
-        },
-        ended = worker => match ended {
-            // It left because it was told to; the study's follower tells that story.
-            Ok(Ok(_)) => std::future::pending().await,
-            Ok(Err(error)) => anyhow::Error::from(error).context("the worker failed"),
-            Err(error) => anyhow::Error::from(error).context("the worker crashed"),
-        },
-    }
+fn is_unanswered(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.downcast_ref::<CallError>().is_some_and(CallError::is_passing))
 }
 
 /// Submits, or takes up again, and follows to the end; none when interrupted.
-async fn conduct(api: &Api, spec: &StudySpec, interrupted: &CancellationToken) -> Result<Option<StudyResult>> {
-    let id = api.submit(spec, Some(&key(spec)?)).await?;
-    take_up(api, id).await?;
+async fn follow_through(api: &Api, spec: &StudySpec, interrupted: &CancellationToken) -> Result<Option<StudyResult>> {
+    let (id, is_new) = api.submit_new(spec, Some(&key(spec)?)).await?;
+    if is_new {
+        note(format_args!("study {id}"));
+    } else {
+        take_up(api, id).await?;
+    }
     let view = match follow(api, id, interrupted).await? {
         Followed::Ended(view) => view,
         Followed::Interrupted => return Ok(None),
@@ -155,14 +154,17 @@ struct Answer<'a> {
     database: String,
 }
 
-fn tell(args: &RunArgs, result: &StudyResult) -> Result<()> {
+fn tell(args: &RunArgs, database: &Path, result: &StudyResult, is_gone: bool) -> Result<()> {
     let mut out = Output::stdout();
-    let database = serve::config(&args.data)?.database.display().to_string();
+    let database = database.display().to_string();
     if args.json {
         out.json(&Answer { result, database })?;
         return Ok(());
     }
     render::study::result(&mut out, result)?;
+    if is_gone {
+        return Ok(());
+    }
     let data = args.data.display();
     out.line(format_args!("database  {database}"))?;
     out.line(format_args!("next      manduca serve --data {data}    and then, beside it:"))?;

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use manduca_protocol::history::WakeStep;
 
+use crate::file;
+
 /// Writes the steps of a flight into a folder and returns the path of the collection.
 ///
 /// # Errors
@@ -19,17 +21,18 @@ pub fn write(folder: &Path, steps: &[WakeStep]) -> io::Result<PathBuf> {
         let wing_rows = step.wing_rows as usize;
         // The line from which the wake springs belongs to both.
         let parts = [("wing", 0..wing_rows), ("wake", wing_rows - 1..step.nodes.len())];
-        for (part, (name, rows)) in parts.into_iter().enumerate() {
-            let file = format!("{name}-{i:04}.vtp");
-            fs::write(folder.join(&file), poly_data(step, rows))?;
+        for (part, (kind, rows)) in parts.into_iter().enumerate() {
+            let name = format!("{kind}-{i:04}.vtp");
+            file::write(&folder.join(&name), poly_data(step, rows).as_bytes())?;
             let time = step.time_s;
             // Nothing fails to be appended to a text.
-            let _ = writeln!(listed, r#"    <DataSet timestep="{time}" part="{part}" name="{name}" file="{file}"/>"#);
+            let _ = writeln!(listed, r#"    <DataSet timestep="{time}" part="{part}" name="{kind}" file="{name}"/>"#);
         }
     }
     let path = folder.join("flight.pvd");
     let head = r#"<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">"#;
-    fs::write(&path, format!("{head}\n  <Collection>\n{listed}  </Collection>\n</VTKFile>\n"))?;
+    let text = format!("{head}\n  <Collection>\n{listed}  </Collection>\n</VTKFile>\n");
+    file::write(&path, text.as_bytes())?;
     Ok(path)
 }
 

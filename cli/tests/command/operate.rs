@@ -17,7 +17,10 @@ fn found(findings: &Value, what: &str) -> (String, String) {
 fn tokens_are_made_listed_and_ended_by_scripts_too() {
     let folder = tempfile::tempdir().unwrap();
     let create = ["token", "create", "ada", "--scope", "submit,read", "--json"];
-    let made = object(&outcome(folder.path(), &create));
+    let nowhere = outcome(folder.path(), &create);
+    assert_eq!((nowhere.status.code(), nowhere.stdout.len()), (Some(2), 0), "there is no database yet");
+    assert!(!folder.path().join("manduca-data").exists());
+    let made = object(&outcome(folder.path(), &[&create[..], &["--init"]].concat()));
     assert_eq!((&made["name"], &made["scopes"]), (&json!("ada"), &json!(["submit", "read"])));
     let secret = made["token"].as_str().unwrap();
     assert!(secret.starts_with("manduca_") && secret.len() > 40, "{} characters", secret.len());

@@ -43,15 +43,13 @@ async fn healthz() -> Json<Health> {
     Json(OK)
 }
 
-/// The database answers too, and takes writes.
+/// The database answers too, takes writes, and its files are still there.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 200, body = Health),
     (status = 503, body = Problem, content_type = "application/problem+json"),
 ))]
 async fn readyz(State(state): State<AppState>) -> Result<Json<Health>, ApiError> {
+    state.store().check()?;
     state.store().ping().await?;
-    if state.store().is_failing() {
-        return Err(ApiError::Unavailable("the last write was refused".into()));
-    }
     Ok(Json(OK))
 }

@@ -16,6 +16,7 @@ use super::decide::{Step, after_optimising, after_refining, after_sampling, afte
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
 use super::search::{continue_searches, list_found};
 use super::submit::{insert_simulations, insert_stage};
+use super::unreadable::advance_or_fail;
 use super::{StoreError, Work, body};
 use crate::compose::verify_task;
 use crate::draw::{Drawn, draw};
@@ -91,12 +92,15 @@ pub(super) async fn advance_ended(work: &mut Work<'_>, studies: &BTreeSet<i64>) 
     }
     let mut open = BTreeSet::new();
     for (study, stage, role) in list_open(work.db, studies).await? {
-        if named::<Stage>(&stage)?.roles().contains(&named(&role)?) {
+        // What cannot be read is found out by advancing.
+        if let (Ok(stage), Ok(role)) = (named::<Stage>(&stage), named(&role))
+            && stage.roles().contains(&role)
+        {
             open.insert(study);
         }
     }
     for &study in studies.difference(&open) {
-        advance(work, study).await?;
+        advance_or_fail(work, study).await?;
     }
     Ok(())
 }

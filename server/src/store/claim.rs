@@ -4,6 +4,7 @@ use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
+use manduca_numerics::parameters::Point;
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
 use manduca_protocol::study::StudySpec;
 use manduca_protocol::view::JobRole;
@@ -12,8 +13,12 @@ use sqlx::sqlite::SqliteConnection;
 use super::names::{named, role_name, unsigned};
 use super::shares::Offer;
 use super::stock::Stock;
-use super::{StoreError, Work};
+use super::unreadable::{fail_unreadable, of_study};
+use super::{StoreError, Work, body};
 use crate::http::cursor::hex;
+
+/// Most studies that one claim finds unreadable.
+const MOST_SPOILT: usize = 64;
 
 /// A job just leased, with what its task is composed from.
 #[derive(Debug, Clone)]
@@ -33,10 +38,34 @@ pub(crate) struct Leased {
 /// share them ([`Rota::share`]); of one study comes first what brings it nearer to its end, then its
 /// samples. Audits come last, each to another worker than its sample.
 pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
-    let mut given: Vec<Option<Leased>> = workers.iter().map(|_| None).collect();
     if workers.is_empty() {
-        return Ok(given);
+        return Ok(Vec::new());
     }
+    let mut spoilt = 0;
+    let given = loop {
+        match choose(work, workers).await {
+            // Nothing is leased yet: without that study the choice is another one.
+            Err(StoreError::Unreadable(study, why)) if spoilt < MOST_SPOILT => {
+                spoilt += 1;
+                fail_unreadable(work, study, &why).await?;
+            }
+            given => break given?,
+        }
+    };
+    let holders: Vec<_> =
+        given.iter().zip(workers).filter_map(|(l, w)| Some((l.as_ref()?.job.0, hex(w.0.as_bytes())))).collect();
+    if !holders.is_empty() {
+        lease_jobs(work, &holders).await?;
+    }
+    Ok(given)
+}
+
+/// A job for each of these workers in turn, as far as there are any.
+///
+/// # Errors
+/// When a study or one of its jobs cannot be read, or the store fails.
+async fn choose(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
+    let mut given: Vec<Option<Leased>> = workers.iter().map(|_| None).collect();
     let offers = list_offers(work.db).await?;
     let order = work.rota.share(&offers, workers.len());
     let mut stock = Stock::open(work, &offers, &order).await?;
@@ -46,7 +75,7 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
             None => stock.take_any(work, &offers, *worker).await?,
         };
         if let Some((study, role, row)) = found {
-            *place = Some(leased(work, study, role, row).await?);
+            *place = Some(of_study(study, leased(work, study, role, row).await)?);
         }
     }
     let open: Vec<usize> = (0..workers.len()).filter(|place| given[*place].is_none()).collect();
@@ -54,21 +83,20 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
         && let Some(study) = find_audited(work.db).await?
     {
         let asking: Vec<WorkerId> = open.iter().map(|place| workers[*place]).collect();
-        for (place, row) in open.into_iter().zip(list_audits(work.db, study, &asking).await?) {
+        let audits = of_study(study, list_audits(work.db, study, &asking).await)?;
+        for (place, row) in open.into_iter().zip(audits) {
             if let Some(row) = row {
-                given[place] = Some(leased(work, study, JobRole::Audit, row).await?);
+                given[place] = Some(of_study(study, leased(work, study, JobRole::Audit, row).await)?);
             }
         }
-    }
-    let holders: Vec<_> =
-        given.iter().zip(workers).filter_map(|(l, w)| Some((l.as_ref()?.job.0, hex(w.0.as_bytes())))).collect();
-    if !holders.is_empty() {
-        lease_jobs(work, &holders).await?;
     }
     Ok(given)
 }
 
 /// The lease of a job as this attempt.
+///
+/// # Errors
+/// When the study or the job cannot be read: then no task could be made of it.
 pub(super) async fn leased(
     work: &mut Work<'_>,
     study: i64,
@@ -78,6 +106,10 @@ pub(super) async fn leased(
     let (study, spec) = work.specs.of(work.db, study).await?;
     let (job, attempt, ordinal, parameters) = row;
     let (attempt, ordinal) = (unsigned(attempt)?, unsigned(ordinal)?);
+    if let Some(parameters) = &parameters {
+        body::from_json::<Point>(parameters.as_bytes())
+            .map_err(|why| StoreError::Corrupt(format!("job {job}: its parameters: {why}")))?;
+    }
     Ok(Leased { job: JobId(job), attempt, study, role, ordinal, parameters, spec })
 }
 
@@ -135,7 +167,13 @@ async fn list_offers(db: &mut SqliteConnection) -> Result<Vec<Offer>, StoreError
     .fetch_all(db)
     .await?;
     let offer = |(study, role, ready, leased, owner): (i64, String, i64, i64, Option<String>)| {
-        Ok(Offer { study, role: named(&role)?, ready: unsigned(ready)?, leased: unsigned(leased)?, owner })
+        Ok(Offer {
+            study,
+            role: of_study(study, named(&role))?,
+            ready: unsigned(ready)?,
+            leased: unsigned(leased)?,
+            owner,
+        })
     };
     rows.into_iter().map(offer).collect()
 }

@@ -87,7 +87,16 @@ pub(super) async fn find_jobs(db: &mut SqliteConnection, jobs: &[JobId]) -> Resu
     .bind(jobs)
     .fetch_all(db)
     .await?;
-    rows.into_iter().map(|raw| row(raw).map(|job| (job.job, job))).collect()
+    let mut found = HashMap::with_capacity(rows.len());
+    for raw in rows {
+        let job = JobId(raw.job);
+        match row(raw) {
+            Ok(row) => drop(found.insert(job, row)),
+            // One damaged row must not stop the others.
+            Err(error) => tracing::error!(job = job.0, error.cause = %error, "A job cannot be read and is passed over"),
+        }
+    }
+    Ok(found)
 }
 
 fn row(raw: RawJob) -> Result<JobRow, StoreError> {

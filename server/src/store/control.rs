@@ -4,10 +4,11 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::view::{JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::{StudyRow, advance, end_stage, find_study, set_stage};
+use super::advance::{StudyRow, end_stage, find_study, set_stage};
 use super::blame;
 use super::count::read_counts;
 use super::names::{Condition, Stage, role_name};
+use super::unreadable::{advance_or_fail, cancel_unreadable};
 use super::{Operation, StoreError, Work};
 use crate::event::Event;
 
@@ -49,7 +50,13 @@ impl Operation for Control {
 
     async fn apply(self, work: &mut Work<'_>) -> Result<(), StoreError> {
         let study = find_number(work.db, self.study).await?;
-        let row = find_study(work.db, study).await?;
+        let row = match find_study(work.db, study).await {
+            Err(StoreError::Corrupt(_)) if self.action == Action::Cancel => {
+                cancel_jobs(work.db, study).await?;
+                return cancel_unreadable(work, study).await;
+            }
+            row => row?,
+        };
         let events = work.events.len();
         act(work, &row, self.action).await?;
         if work.events.len() > events {
@@ -131,7 +138,7 @@ async fn resume(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreError> {
     work.events.push(Event::Moved { study: row.id, state: row.stage.state(), reason: None });
     work.events.push(Event::Ready);
     // What ran on may have finished the stage meanwhile.
-    advance(work, row.study).await
+    advance_or_fail(work, row.study).await
 }
 
 /// Final. Leased jobs are cancelled too: their workers hear of it at the next

@@ -17,8 +17,14 @@ mod decide;
 mod evidence;
 mod exchange;
 mod fail;
+mod file;
+mod health;
+pub(crate) mod inspect;
+mod last_use;
 mod names;
+mod open;
 mod pace;
+mod place;
 mod read_dataset;
 mod read_explain;
 mod read_jobs;
@@ -34,19 +40,17 @@ mod stock;
 mod submit;
 mod sweep;
 mod tokens;
+mod trouble;
+mod unreadable;
 mod upkeep;
 mod workers;
 mod writer;
 
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
-use sqlx::migrate::{MigrateError, Migrator};
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
-};
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 use sqlx::{ConnectOptions, Connection};
 
 use crate::clock::Clock;
@@ -62,7 +66,11 @@ pub(crate) use complete::{Outcome, Prepared};
 pub(crate) use control::{Action, Control};
 pub(crate) use count::open_jobs;
 pub(crate) use exchange::{Exchange, Exchanged};
-pub(crate) use names::{Condition, kind_of, role_name, state_name};
+pub(crate) use file::File;
+pub(crate) use last_use::{Remember, find_last_use, is_ahead};
+pub(crate) use names::{Condition, Stage, kind_of, named, role_name, state_name};
+pub use open::OpenError;
+pub(crate) use open::{make_folder, private};
 pub(crate) use pace::Pace;
 pub(crate) use read_explain::Circumstances;
 pub(crate) use read_jobs::JobFilter;
@@ -74,15 +82,13 @@ pub(crate) use search::{STROKES, optimisation_of_stroke, round_of};
 pub(crate) use submit::{Submit, Submitted};
 pub(crate) use sweep::Sweep;
 pub(crate) use tokens::{TokenRow, insert_token, list_tokens, revoke_token};
-pub(crate) use upkeep::{Prune, check, copy_to, delete_study, find_ended_before, list_digests};
+pub(crate) use trouble::Trouble;
+pub(crate) use upkeep::{
+    Prune, Pruned, check_file, copy_to, delete_study, find_ended_before, list_breaches, list_ended_before,
+};
 use upkeep::{delete_workers, list_forgotten};
 pub(crate) use workers::{Deregister, Drain, Register};
 pub(crate) use writer::{Operation, Work};
-
-static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
-
-/// How long SQLite waits for another process which has the file.
-const BUSY: Duration = Duration::from_secs(5);
 
 /// Connections of [`Store::quick`].
 const QUICK_READERS: u32 = 2;
@@ -104,14 +110,31 @@ pub(crate) enum StoreError {
     IdempotencyKeyReused,
     #[error("the store holds what it should not: {0}")]
     Corrupt(String),
+    #[error("study number {0} cannot be read: {1}")]
+    Unreadable(i64, String),
     #[error("an operation panicked")]
     Panicked,
     #[error("the store is closed")]
     Closed,
     #[error("the batch was not committed")]
     Commit(#[source] Arc<sqlx::Error>),
+    #[error("the database takes no changes: {0}")]
+    Failing(String),
     #[error("the database failed")]
-    Sql(#[from] sqlx::Error),
+    Sql(#[source] sqlx::Error),
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        match error {
+            // The value is not what its column is for: the row is at fault, not the database.
+            sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => Self::Corrupt(error.to_string()),
+            sqlx::Error::Database(cause) if cause.message().contains("malformed JSON") => {
+                Self::Corrupt(cause.message().to_owned())
+            }
+            error => Self::Sql(error),
+        }
+    }
 }
 
 /// What is done with the decisions of committed operations.
@@ -125,6 +148,7 @@ pub(crate) struct Store {
     /// For what every request needs, and renewals above all: nothing which takes long is read here.
     quick: SqlitePool,
     options: SqliteConnectOptions,
+    health: Arc<health::Health>,
 }
 
 impl Store {
@@ -135,19 +159,22 @@ impl Store {
         observer: Observer,
         metrics: Arc<Metrics>,
     ) -> Result<Self, OpenError> {
-        make_folder(&config.database).await?;
-        let options = options(&config.database);
-        migrate(&options).await?;
+        let options = open::prepare(&config.database).await?;
+        let place = place::Place::of(&config.database);
+        let refused = |cause| OpenError::Database { path: config.database.clone(), cause };
         // Room for the inner pages of the indexes of some million jobs, 16 MiB, and no more: when a
         // commit has split a page, SQLite walks through all of its cache. With 64 MiB and a million
         // jobs stored, that took a tenth of the writer's time.
         let writing = options.clone().pragma("cache_size", "-16384");
-        let connection = writing.connect().await?;
+        let connection = writing.connect().await.map_err(refused)?;
         let reading = options.clone().pragma("query_only", "on");
         let pool = |connections| SqlitePoolOptions::new().max_connections(connections).connect_with(reading.clone());
-        let (readers, quick) = (pool(config.readers).await?, pool(QUICK_READERS).await?);
-        let writer = writer::Writer::start(connection, writing, config, clock, observer, metrics);
-        Ok(Self { writer, readers, quick, options })
+        let readers = pool(config.readers).await.map_err(refused)?;
+        let quick = pool(QUICK_READERS).await.map_err(refused)?;
+        let health = Arc::new(health::Health::new(place));
+        let writer =
+            writer::Writer::start(connection, writing, config.clone(), clock, observer, metrics, health.clone());
+        Ok(Self { writer, readers, quick, options, health })
     }
 
     /// Queues an operation and waits for the commit which contains it.
@@ -160,9 +187,27 @@ impl Store {
         self.writer.exchange(exchange).await
     }
 
-    /// Whether the last commit failed: until one succeeds, nothing new is taken.
-    pub(crate) fn is_failing(&self) -> bool {
-        self.writer.is_failing()
+    /// Looks whether changes are taken: the last one was, and the files are still there.
+    ///
+    /// # Errors
+    /// When they are not.
+    pub(crate) fn check(&self) -> Result<(), StoreError> {
+        self.health.check()
+    }
+
+    /// For how long no change was taken, and why.
+    pub(crate) fn failing(&self) -> Option<(Duration, String)> {
+        self.health.failing()
+    }
+
+    /// Whether the files of the database are no longer there.
+    pub(crate) fn is_gone(&self) -> bool {
+        self.health.is_gone()
+    }
+
+    /// Resolves when the writer has ended, for whatever reason.
+    pub(crate) async fn ended(&self) {
+        self.health.ended.cancelled().await;
     }
 
     /// The pool which cannot write.
@@ -182,6 +227,7 @@ impl Store {
         let gone = list_forgotten(&mut reader, now).await?;
         drop(reader);
         if !gone.is_empty() {
+            self.health.place.check()?;
             let mut connection = self.options.clone().foreign_keys(false).connect().await?;
             delete_workers(&mut connection, &gone, now).await?;
             connection.close().await?;
@@ -201,92 +247,4 @@ impl Store {
         self.readers.close().await;
         self.quick.close().await;
     }
-}
-
-async fn make_folder(database: &Path) -> Result<(), OpenError> {
-    if let Some(folder) = database.parent().filter(|f| !f.as_os_str().is_empty()) {
-        tokio::fs::create_dir_all(folder).await?;
-    }
-    Ok(())
-}
-
-/// How a database is opened, by whomever.
-fn options(database: &Path) -> SqliteConnectOptions {
-    SqliteConnectOptions::new()
-        .filename(database)
-        .create_if_missing(true)
-        .journal_mode(SqliteJournalMode::Wal)
-        .synchronous(SqliteSynchronous::Full)
-        .foreign_keys(true)
-        .busy_timeout(BUSY)
-        // Decisions are logged by what they mean, not as statements.
-        .disable_statement_logging()
-}
-
-/// A database opened beside the coordinator, for short work.
-pub(crate) struct File {
-    connection: SqliteConnection,
-}
-
-impl File {
-    /// Opens a database and brings its tables up to date.
-    pub(crate) async fn open(database: &Path) -> Result<Self, OpenError> {
-        make_folder(database).await?;
-        let options = options(database);
-        migrate(&options).await?;
-        Ok(Self { connection: options.connect().await? })
-    }
-
-    /// The connection.
-    pub(crate) fn db(&mut self) -> &mut SqliteConnection {
-        &mut self.connection
-    }
-
-    /// Removes workers which went long ago and which nothing names; returns how many.
-    pub(crate) async fn forget_workers(&mut self, now: i64) -> Result<usize, sqlx::Error> {
-        let gone = list_forgotten(&mut self.connection, now).await?;
-        sqlx::query("pragma foreign_keys = off").execute(&mut self.connection).await?;
-        let removed = delete_workers(&mut self.connection, &gone, now).await;
-        sqlx::query("pragma foreign_keys = on").execute(&mut self.connection).await?;
-        removed.map(|()| gone.len())
-    }
-
-    /// Begins a change.
-    pub(crate) async fn begin(&mut self) -> Result<sqlx::Transaction<'_, sqlx::Sqlite>, sqlx::Error> {
-        self.connection.begin_with("begin immediate").await
-    }
-
-    /// Closes the file.
-    pub(crate) async fn close(self) {
-        // Nothing is under way: at worst its log is folded in at the next start.
-        let _ = self.connection.close().await;
-    }
-}
-
-/// Brings the tables up to date. A migration which copies a table needs foreign
-/// keys off; whether all still lead somewhere is checked afterwards.
-async fn migrate(options: &SqliteConnectOptions) -> Result<(), OpenError> {
-    let mut connection = options.clone().foreign_keys(false).connect().await?;
-    // Not `run`, whose future the compiler cannot prove to be free to move between threads.
-    MIGRATIONS.run_direct(None, &mut connection, false).await?;
-    let loose = sqlx::query("pragma foreign_key_check").fetch_all(&mut connection).await?;
-    connection.close().await?;
-    if loose.is_empty() { Ok(()) } else { Err(OpenError::Loose(loose.len())) }
-}
-
-/// Why the store could not be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum OpenError {
-    /// The folder could not be made.
-    #[error("the folder of the database could not be made")]
-    Folder(#[from] std::io::Error),
-    /// SQLite refused.
-    #[error("the database could not be opened")]
-    Database(#[from] sqlx::Error),
-    /// The tables could not be brought up to date.
-    #[error("the tables of the database could not be brought up to date")]
-    Migration(#[from] MigrateError),
-    /// Rows refer to others which are not there.
-    #[error("the database is damaged: {0} rows refer to others which are not there")]
-    Loose(usize),
 }

@@ -138,7 +138,7 @@ pub(crate) fn state_name(state: JobState) -> &'static str {
 }
 
 /// What a column's text names; the spelling is that of the wire.
-pub(super) fn named<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
+pub(crate) fn named<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
     let deserializer: StrDeserializer<'_, Error> = text.into_deserializer();
     T::deserialize(deserializer).map_err(|e| StoreError::Corrupt(e.to_string()))
 }

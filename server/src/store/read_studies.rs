@@ -23,11 +23,12 @@ use crate::remark;
 #[derive(sqlx::FromRow)]
 struct RawStudy {
     study: i64,
+    name: String,
+    samples: i64,
     stage: String,
     condition: String,
     failure: Option<String>,
     created_ms: i64,
-    spec: String,
     solver_version: Option<String>,
     submitted_by: Option<String>,
     steered_by: Option<String>,
@@ -81,45 +82,74 @@ fn breeding(spec: &StudySpec, optima: &[OptimumView], strokes: &JobCounts) -> Pr
 
 impl Store {
     /// A study's head.
+    ///
+    /// # Errors
+    /// When there is no such study, or its row cannot be read.
     pub(crate) async fn study_head(&self, id: StudyId) -> Result<StudyHead, StoreError> {
+        match self.readable_head(id).await? {
+            (head, None) => Ok(head),
+            (_, Some(damage)) => Err(StoreError::Corrupt(damage)),
+        }
+    }
+
+    /// What can be read of a study's head, and what is wrong with the rest: to look at, not to compute from.
+    async fn readable_head(&self, id: StudyId) -> Result<(StudyHead, Option<String>), StoreError> {
         let raw: Option<RawStudy> = sqlx::query_as(
-            "select s.study, s.stage, s.condition, s.failure, s.created_ms, s.solver_version, a.spec,
-                    s.submitted_by, s.steered_by
-                 from studies as s join study_specs as a on a.study = s.study where s.id = ?",
+            "select study, name, samples, stage, condition, failure, created_ms, solver_version, submitted_by, steered_by
+             from studies where id = ?",
         )
         .bind(id.0.as_bytes().as_slice())
         .fetch_optional(self.readers())
         .await?;
         let raw = raw.ok_or(StoreError::UnknownStudy(id))?;
-        Ok(StudyHead {
+        let mut damage = None;
+        let spec = match self.spec_of(raw.study).await {
+            Ok(spec) => spec,
+            Err(StoreError::Corrupt(why)) => {
+                damage = Some(format!("the specification of this study cannot be read: {why}"));
+                placeholder(raw.name, raw.samples)?
+            }
+            Err(error) => return Err(error),
+        };
+        let head = StudyHead {
             study: raw.study,
-            stage: named(&raw.stage)?,
-            condition: named(&raw.condition)?,
+            stage: readable(named(&raw.stage).map(Some), &mut damage)?.unwrap_or(Stage::Sampling),
+            condition: readable(named(&raw.condition).map(Some), &mut damage)?.unwrap_or(Condition::Failed),
             failure: raw.failure,
             created_ms: raw.created_ms,
-            spec: body::from_json(raw.spec.as_bytes())?,
+            spec,
             solver_version: raw.solver_version.unwrap_or_else(|| BEFORE_KEPT.to_owned()),
             submitted_by: raw.submitted_by,
             steered_by: raw.steered_by,
-        })
+        };
+        Ok((head, damage))
+    }
+
+    async fn spec_of(&self, study: i64) -> Result<StudySpec, StoreError> {
+        let spec: String = sqlx::query_scalar("select spec from study_specs where study = ?")
+            .bind(study)
+            .fetch_one(self.readers())
+            .await?;
+        body::from_json(spec.as_bytes())
     }
 
     /// A whole study; rate and estimate are left to the caller, who knows them.
     pub(crate) async fn study(&self, id: StudyId, now: i64) -> Result<StudyView, StoreError> {
-        let head = self.study_head(id).await?;
+        let (head, mut damage) = self.readable_head(id).await?;
         let db = self.readers();
         let stage_jobs = read_counts(db, head.study, head.counted()).await?;
-        let surrogate = self.test_errors_of(head.study).await?;
-        let optimisations = self.optima(&head).await?;
+        // A damaged part is left out, so that the rest can be seen and the study cancelled.
+        let surrogate = readable(self.test_errors_of(head.study).await, &mut damage)?;
+        let optimisations = readable(self.optima(&head).await, &mut damage)?;
         let progress = match head.counted() {
             JobRole::Individual => Some(breeding(&head.spec, &optimisations, &stage_jobs)),
-            _ => find_progress(db, head.study, head.stage).await?,
+            _ => readable(find_progress(db, head.study, head.stage).await, &mut damage)?,
         };
         Ok(StudyView {
             id,
             state: head.state(),
             paused_from: (head.condition == Condition::Paused).then(|| head.stage.state()),
-            failure: head.failure.clone(),
+            failure: head.failure.clone().or(damage),
             created_at: rfc3339(head.created_ms),
             samples: self.sample_counts(head.study).await?,
             stage_jobs,
@@ -280,6 +310,23 @@ impl Store {
     }
 }
 
+/// What stands for a specification that cannot be read: the name and the number of samples are kept elsewhere, too.
+fn placeholder(name: String, samples: i64) -> Result<StudySpec, StoreError> {
+    let known = serde_json::json!({ "name": name, "sampling": { "samples": samples } });
+    serde_json::from_value(known).map_err(|e| StoreError::Corrupt(e.to_string()))
+}
+
+/// A part of a view, or nothing where it cannot be read; what is wrong is told once.
+fn readable<T: Default>(part: Result<T, StoreError>, damage: &mut Option<String>) -> Result<T, StoreError> {
+    match part {
+        Err(StoreError::Corrupt(why)) => {
+            damage.get_or_insert(format!("a part of this study cannot be read: {why}"));
+            Ok(T::default())
+        }
+        part => part,
+    }
+}
+
 /// Simulated minus predicted.
 fn gap(optimum: &OptimiseResult, simulated: &SimulateResult) -> Option<Scaled> {
     let SimulateOutcome::Ok { scaled, .. } = &simulated.outcome else { return None };
@@ -325,7 +372,8 @@ async fn find_progress(db: &SqlitePool, study: i64, stage: Stage) -> Result<Opti
 struct RawSummary {
     study: i64,
     id: Vec<u8>,
-    name: String,
+    /// Bytes, for a damaged name need not be text.
+    name: Vec<u8>,
     stage: String,
     condition: String,
     created_ms: i64,
@@ -341,8 +389,8 @@ async fn list_studies(
     limit: u32,
 ) -> Result<Vec<RawSummary>, StoreError> {
     let rows = sqlx::query_as(
-        "select s.study, s.id, s.name, s.stage, s.condition, s.created_ms, s.samples, coalesce(c.n, 0) as succeeded,
-                s.submitted_by
+        "select s.study, s.id, cast(s.name as blob) as name, s.stage, s.condition, s.created_ms, s.samples,
+                coalesce(c.n, 0) as succeeded, s.submitted_by
          from studies as s
          left join study_counts as c on c.study = s.study and c.role = 'sample' and c.state = 'succeeded'
          where s.study < ?1 and (?2 is null or iif(s.condition = 'running', s.stage, s.condition) = ?2)
@@ -357,11 +405,13 @@ async fn list_studies(
 }
 
 fn summary(raw: RawSummary) -> Result<(i64, StudySummary), StoreError> {
-    let stage: Stage = named(&raw.stage)?;
+    // One damaged row must not hide the others.
+    let stage = named(&raw.stage).unwrap_or(Stage::Sampling);
+    let condition = named(&raw.condition).unwrap_or(Condition::Failed);
     let summary = StudySummary {
         id: StudyId(uuid(&raw.id)?),
-        name: raw.name,
-        state: named::<Condition>(&raw.condition)?.state(stage),
+        name: String::from_utf8_lossy(&raw.name).into_owned(),
+        state: condition.state(stage),
         created_at: rfc3339(raw.created_ms),
         samples: unsigned(raw.samples)?,
         samples_succeeded: unsigned(raw.succeeded)?,

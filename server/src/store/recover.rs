@@ -3,7 +3,8 @@
 use manduca_numerics::simulation::SOLVER_VERSION;
 use sqlx::sqlite::SqliteConnection;
 
-use super::advance::{BEFORE_KEPT, advance, end, find_study};
+use super::advance::{BEFORE_KEPT, end, find_study};
+use super::unreadable::{advance_or_fail, fail_unreadable};
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
 use crate::event::Event;
@@ -21,9 +22,16 @@ impl Operation for Recover {
         shorten_waits(work).await?;
         shorten_quarantines(work).await?;
         for study in list_running(work.db).await? {
-            let row = find_study(work.db, study).await?;
+            let row = match find_study(work.db, study).await {
+                Ok(row) => row,
+                Err(StoreError::Corrupt(why)) => {
+                    fail_unreadable(work, study, &why).await?;
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
             match row.check_numbers() {
-                Ok(()) => advance(work, study).await?,
+                Ok(()) => advance_or_fail(work, study).await?,
                 Err(why) => end(work, &row, "failed", Some(why.to_string())).await?,
             }
         }

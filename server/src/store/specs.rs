@@ -13,6 +13,13 @@ use super::{StoreError, body};
 /// Most studies kept.
 const MOST: usize = 64;
 
+/// The public id of a study, as it is stored, and its specification.
+async fn read(db: &mut SqliteConnection, study: i64) -> Result<(Vec<u8>, StudySpec), StoreError> {
+    let (id, spec): (Vec<u8>, String) =
+        sqlx::query_as("select id, spec from study_specs where study = ?").bind(study).fetch_one(db).await?;
+    Ok((id, body::from_json(spec.as_bytes())?))
+}
+
 /// Specifications by the short number of their study. Whoever changes one
 /// forgets it here; so does the writer when anything is rolled back.
 #[derive(Debug, Default)]
@@ -30,9 +37,11 @@ impl Specs {
         if let Some(known) = self.studies.get(&study) {
             return Ok(known.clone());
         }
-        let (id, spec): (Vec<u8>, String) =
-            sqlx::query_as("select id, spec from study_specs where study = ?").bind(study).fetch_one(db).await?;
-        let found = (StudyId(uuid(&id)?), Arc::new(body::from_json(spec.as_bytes())?));
+        let (id, spec) = read(db, study).await.map_err(|error| match error {
+            StoreError::Corrupt(why) => StoreError::Corrupt(format!("its specification cannot be read: {why}")),
+            error => error,
+        })?;
+        let found = (StudyId(uuid(&id)?), Arc::new(spec));
         if self.studies.len() >= MOST {
             self.studies.clear();
         }

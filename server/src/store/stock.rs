@@ -9,6 +9,7 @@ use manduca_protocol::view::JobRole;
 use super::blame::list_failed;
 use super::claim::{ReadyRow, list_ready};
 use super::shares::Offer;
+use super::unreadable::of_study;
 use super::workers::list_able;
 use super::{StoreError, Work};
 
@@ -63,7 +64,7 @@ impl Stock {
             return Ok(None);
         }
         for offer in offers.iter().take(MOST_OFFERS) {
-            let listed = list_ready(work.db, offer.study, offer.role, MORE).await?;
+            let listed = of_study(offer.study, list_ready(work.db, offer.study, offer.role, MORE).await)?;
             let listed: Vec<Listed> = listed.into_iter().map(|(row, failures)| (offer.role, row, failures)).collect();
             let barred = list_barred(work, listed.iter()).await?;
             let fits = |(_, row, _): &Listed| !self.taken.contains(&row.0) && !is_barred(&barred, row.0, worker);
@@ -93,7 +94,7 @@ async fn list_shared(
     let mut found: HashMap<i64, VecDeque<_>> = HashMap::new();
     for offer in offers {
         let Some(left) = places.get_mut(&offer.study).filter(|left| **left > 0) else { continue };
-        let rows = list_ready(work.db, offer.study, offer.role, *left + more).await?;
+        let rows = of_study(offer.study, list_ready(work.db, offer.study, offer.role, *left + more).await)?;
         *left = left.saturating_sub(rows.len());
         found.entry(offer.study).or_default().extend(rows.into_iter().map(|(row, failed)| (offer.role, row, failed)));
     }

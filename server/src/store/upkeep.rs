@@ -5,6 +5,7 @@ use std::path::Path;
 use manduca_protocol::ids::StudyId;
 use sqlx::sqlite::SqliteConnection;
 
+use super::last_use::doubt;
 use super::names::uuid;
 use super::{Operation, StoreError, Work};
 use crate::config::millis;
@@ -19,10 +20,14 @@ pub(crate) async fn copy_to(db: &mut SqliteConnection, file: &Path) -> Result<()
 /// One rule of the store, and how often it is broken.
 pub(crate) type Breach = (&'static str, i64);
 
-/// Checks the file itself, and then what must hold between its tables.
-pub(crate) async fn check(db: &mut SqliteConnection) -> Result<(Vec<String>, Vec<Breach>), sqlx::Error> {
+/// What SQLite finds wrong with the file: its pages, its indexes, values against the rules of their columns.
+pub(crate) async fn check_file(db: &mut SqliteConnection) -> Result<Vec<String>, sqlx::Error> {
     let said: Vec<String> = sqlx::query_scalar("pragma integrity_check(20)").fetch_all(&mut *db).await?;
-    let damage = said.into_iter().filter(|line| line != "ok").collect();
+    Ok(said.into_iter().filter(|line| line != "ok").collect())
+}
+
+/// The rules between the tables that are broken.
+pub(crate) async fn list_breaches(db: &mut SqliteConnection) -> Result<Vec<Breach>, sqlx::Error> {
     let loose = sqlx::query("pragma foreign_key_check").fetch_all(&mut *db).await?.len() as i64;
     let mut breaches = vec![("rows refer to others which are not there", loose)];
     breaches.push(("counters differ from a recount", count_wrong_counters(db).await?));
@@ -30,7 +35,7 @@ pub(crate) async fn check(db: &mut SqliteConnection) -> Result<(Vec<String>, Vec
     breaches.push(("results belong to jobs which are not finished", count_early_results(db).await?));
     breaches.push(("leases have no worker or no end", count_loose_leases(db).await?));
     breaches.retain(|(_, n)| *n > 0);
-    Ok((damage, breaches))
+    Ok(breaches)
 }
 
 async fn count_wrong_counters(db: &mut SqliteConnection) -> Result<i64, sqlx::Error> {
@@ -71,17 +76,22 @@ async fn count_loose_leases(db: &mut SqliteConnection) -> Result<i64, sqlx::Erro
     .await
 }
 
-/// Bodies and digests of some results, after a job.
-pub(crate) async fn list_digests(
+/// The studies which ended before this time, the oldest first, each with its jobs.
+pub(crate) async fn list_ended_before(
     db: &mut SqliteConnection,
-    after: i64,
-    limit: u32,
-) -> Result<Vec<(i64, Vec<u8>, Vec<u8>)>, sqlx::Error> {
-    sqlx::query_as("select job, body, digest from results where job > ? order by job limit ?")
-        .bind(after)
-        .bind(limit)
-        .fetch_all(db)
-        .await
+    before: i64,
+) -> Result<Vec<(Vec<u8>, String, i64)>, sqlx::Error> {
+    sqlx::query_as(
+        "select s.id, s.name, coalesce((select sum(c.n) from study_counts as c where c.study = s.study), 0)
+         from studies as s
+         where s.condition in ('succeeded', 'failed', 'cancelled')
+           and (select max(coalesce(t.ended_ms, t.started_ms)) from study_stages as t where t.study = s.study) < ?
+           and not exists (select 1 from jobs as j where j.state = 'leased' and j.study = s.study)
+         order by s.study",
+    )
+    .bind(before)
+    .fetch_all(db)
+    .await
 }
 
 /// A study which ended before this time, the oldest first.
@@ -187,20 +197,40 @@ pub(crate) async fn delete_workers(db: &mut SqliteConnection, workers: &[String]
     Ok(())
 }
 
-/// Removes one study which ended long enough ago; false where there is none.
-pub(crate) struct Prune;
+/// Removes one study which ended long enough ago.
+pub(crate) struct Prune {
+    /// When the coordinator began to work, by its clock.
+    pub(crate) began: i64,
+}
+
+/// What became of a removal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pruned {
+    /// A study was removed; there may be others.
+    One,
+    /// There is none to remove.
+    None,
+    /// The clock is so far ahead of the store's last use that it may be wrong.
+    Doubtful {
+        /// The last use.
+        last: i64,
+    },
+}
 
 impl Operation for Prune {
-    type Output = bool;
+    type Output = Pruned;
 
-    async fn apply(self, work: &mut Work<'_>) -> Result<bool, StoreError> {
-        let Some(keep) = work.config.keep else { return Ok(false) };
+    async fn apply(self, work: &mut Work<'_>) -> Result<Pruned, StoreError> {
+        let Some(keep) = work.config.keep else { return Ok(Pruned::None) };
         let Some((study, id, name)) = find_ended_before(work.db, work.now - millis(keep)).await? else {
-            return Ok(false);
+            return Ok(Pruned::None);
         };
+        if let Some(last) = doubt(work, self.began).await? {
+            return Ok(Pruned::Doubtful { last });
+        }
         let jobs = delete_study(work.db, study).await?;
         work.specs.clear();
         work.events.push(Event::Pruned { study: StudyId(uuid(&id)?), name, jobs });
-        Ok(true)
+        Ok(Pruned::One)
     }
 }

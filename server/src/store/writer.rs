@@ -6,8 +6,7 @@
 use std::collections::VecDeque;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
@@ -16,9 +15,10 @@ use sqlx::{ConnectOptions, Connection};
 use tokio::sync::{mpsc, oneshot};
 
 use super::exchange::exchange_all;
+use super::health::Health;
 use super::shares::Rota;
 use super::specs::Specs;
-use super::{Exchange, Exchanged, Observer, StoreError};
+use super::{Exchange, Exchanged, Observer, StoreError, Trouble};
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::event::Event;
@@ -30,6 +30,9 @@ const MOST_PER_COMMIT: usize = 256;
 const MOST_JOBS: usize = 4000;
 /// Operations which may queue before callers wait for a place.
 const QUEUE: usize = 4096;
+
+/// Between two words about the same trouble.
+const BETWEEN_WORDS: Duration = Duration::from_secs(60);
 
 /// What an operation works with. It asks nothing else of the world.
 pub(crate) struct Work<'c> {
@@ -112,7 +115,6 @@ enum Message {
 #[derive(Clone)]
 pub(super) struct Writer {
     queue: mpsc::Sender<Message>,
-    failing: Arc<AtomicBool>,
 }
 
 impl Writer {
@@ -124,28 +126,29 @@ impl Writer {
         clock: Arc<dyn Clock>,
         observer: Observer,
         metrics: Arc<Metrics>,
+        health: Arc<Health>,
     ) -> Self {
         let (queue, messages) = mpsc::channel(QUEUE);
-        let (specs, rota) = (Specs::default(), Rota::default());
-        let failing = Arc::new(AtomicBool::new(false));
+        // Dropped with the task, by a panic too: without a writer the coordinator is of no use.
+        let ends = health.ended.clone().drop_guard();
         let task = Task {
             connection: Some(connection),
             options,
             config,
             clock,
             observer,
-            specs,
-            rota,
+            specs: Specs::default(),
+            rota: Rota::default(),
             metrics,
-            failing: failing.clone(),
+            health,
+            told: None,
+            is_noted: false,
         };
-        tokio::spawn(task.serve(messages));
-        Self { queue, failing }
-    }
-
-    /// Whether the last commit failed.
-    pub(super) fn is_failing(&self) -> bool {
-        self.failing.load(Ordering::Relaxed)
+        tokio::spawn(async move {
+            let _ends = ends;
+            task.serve(messages).await;
+        });
+        Self { queue }
     }
 
     /// Queues an operation and waits until it is committed or refused.
@@ -182,7 +185,11 @@ struct Task {
     specs: Specs,
     rota: Rota,
     metrics: Arc<Metrics>,
-    failing: Arc<AtomicBool>,
+    health: Arc<Health>,
+    /// When a refusal was last told: one that lasts is told now and then.
+    told: Option<Instant>,
+    /// Whether the files beside the database are known.
+    is_noted: bool,
 }
 
 /// What is committed together.
@@ -250,19 +257,19 @@ impl Task {
         let (began, operations) = (Instant::now(), batch.calls.len() + batch.exchanges.len());
         let committed = self.commit(&mut batch, &mut events).await.map_err(Arc::new);
         self.metrics.committed(began.elapsed(), operations, committed.is_ok());
-        if self.failing.swap(committed.is_err(), Ordering::Relaxed) && committed.is_ok() {
-            tracing::info!("The database takes writes again");
-        }
         match &committed {
-            Ok(_) => (self.observer)(&events),
-            Err(error) => {
-                self.specs.clear();
-                if let Some(connection) = self.connection.take() {
-                    // Whatever it still had to say was about the batch, whose fate is known.
-                    let _ = connection.close_hard().await;
+            Ok(told) => {
+                if self.health.recover() {
+                    tracing::info!("The database takes writes again");
                 }
-                tracing::error!(error.cause = %error, batch.operations = operations, "A batch of operations was not committed");
+                self.health.note_exchanges(told);
+                // A fault of those who listen is not the writer's, on which everything depends.
+                let told = std::panic::catch_unwind(AssertUnwindSafe(|| (self.observer)(&events)));
+                if told.is_err() {
+                    tracing::error!("Decisions could not be told; they are stored");
+                }
             }
+            Err(error) => self.refuse(error, operations).await,
         }
         let (told, committed) = match committed {
             Ok(told) => (told, Ok(())),
@@ -277,6 +284,33 @@ impl Task {
         }
     }
 
+    /// A batch was not committed.
+    async fn refuse(&mut self, error: &Arc<sqlx::Error>, operations: usize) {
+        self.specs.clear();
+        let trouble = Trouble::of(error);
+        let is_gone = trouble == Some(Trouble::Gone);
+        // With the file gone, a further connection would be one to another file; this one is as it was.
+        if !is_gone && let Some(connection) = self.connection.take() {
+            self.health.place.forget();
+            // Whatever it still had to say was about the batch, whose fate is known.
+            let _ = connection.close_hard().await;
+        }
+        let cause = trouble.map_or_else(|| crate::error::chain(error.as_ref()), |t| t.what().to_owned());
+        let is_news = self.health.fail(cause);
+        if !is_news && self.told.is_some_and(|told| told.elapsed() < BETWEEN_WORDS) {
+            return;
+        }
+        self.told = Some(Instant::now());
+        let cause = crate::error::chain(error.as_ref());
+        let advice = trouble.map_or("", Trouble::advice);
+        if is_gone {
+            let database = self.config.database.display();
+            tracing::error!(server.database = %database, advice, "The database was removed or replaced while in use. No change is taken");
+        } else {
+            tracing::error!(error.cause = %cause, batch.operations = operations, advice, "A batch of operations was not committed");
+        }
+    }
+
     /// Does everything of a batch; gives what the exchanges are told.
     async fn commit(
         &mut self,
@@ -284,12 +318,18 @@ impl Task {
         events: &mut Vec<Event>,
     ) -> Result<Vec<Result<Exchanged, StoreError>>, sqlx::Error> {
         let now = self.clock.now_ms();
+        self.health.place.check()?;
+        let is_new = self.connection.is_none();
         let connection = match &mut self.connection {
             Some(connection) => connection,
             none => none.insert(self.options.connect().await?),
         };
         let mut transaction = connection.begin_with("begin immediate").await?;
-        if self.failing.load(Ordering::Relaxed) {
+        if is_new || !self.is_noted {
+            self.health.place.note();
+            self.is_noted = true;
+        }
+        if self.health.is_failing() {
             // A commit which changes nothing would prove nothing.
             beat(&mut transaction, now).await?;
         }
@@ -300,6 +340,8 @@ impl Task {
             scope.apply(&mut transaction, call).await?;
         }
         transaction.commit().await?;
+        // What is in a file without a name is lost with this process: it is not acknowledged.
+        self.health.place.check()?;
         Ok(told)
     }
 }

@@ -15,7 +15,7 @@ use tower::ServiceExt;
 
 use super::answers::{completion, infeasible, result, study};
 use super::bench::Bench;
-use crate::store::Prune;
+use crate::store::{Prune, Pruned};
 
 async fn flown(order_reversed: bool) -> (Bench, String) {
     let bench = Bench::open().await;
@@ -146,7 +146,8 @@ async fn finished(samples: u32) -> (Bench, String) {
 /// Removes the finished study, its time being over.
 async fn remove(bench: &Bench) {
     bench.pass(100.0).await;
-    assert!(bench.state.store().run(Prune).await.expect("removes"));
+    let began = bench.state.now_ms();
+    assert_eq!(bench.state.store().run(Prune { began }).await.expect("removes"), Pruned::One);
 }
 
 #[tokio::test]

@@ -46,7 +46,12 @@ async fn the_real_thing_stops_while_workers_wait() {
     let address = listener.local_addr().expect("an address");
     let config = crate::Config::new(folder.path().join("manduca.db"));
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let server = tokio::spawn(crate::run(listener, config, async {
+    let hold = match crate::Hold::take(&config.database).expect("can be held") {
+        crate::Taken::Ours(hold) => hold,
+        crate::Taken::Theirs(_) => panic!("a fresh database is nobody's"),
+    };
+    let state = crate::open(config, hold).await.expect("opens");
+    let server = tokio::spawn(crate::serve(listener, state, async {
         let _ = stopped.await;
     }));
     let mut socket = tokio::net::TcpStream::connect(address).await.expect("connects");

@@ -9,6 +9,7 @@ mod bench;
 mod blame;
 mod bounded;
 mod checkpoints;
+mod damage;
 mod dataset;
 mod direct;
 mod front;

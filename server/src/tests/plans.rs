@@ -8,7 +8,7 @@ use sqlx::Row;
 use super::bench::Bench;
 
 /// Rooms whose statements are run by `manduca db`, beside no coordinator.
-const OFFLINE: [&str; 1] = ["upkeep.rs"];
+const OFFLINE: [&str; 2] = ["upkeep.rs", "inspect.rs"];
 
 /// Tables whose rows grow with the work done.
 const LARGE: [&str; 3] = ["jobs", "results", "checkpoints"];

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::answers::{flown, result, study};
 use super::bench::Bench;
 use crate::Offline;
+use crate::store::{Prune, Pruned};
 
 async fn because(bench: &Bench, job: &Value) -> (String, String) {
     let told = bench.get(&format!("/v1/jobs/{job}/explain")).await.json();
@@ -123,10 +124,11 @@ async fn old_studies_go_and_results_others_share_stay() {
     let new = bench.submit(&spec).await;
     bench.work_off(&bench.worker("w").await).await;
     let running = bench.submit(&study(25, &[])).await;
-    assert!(!bench.state.store().run(crate::store::Prune).await.expect("looks"), "nothing is old enough");
+    let prune = || bench.state.store().run(Prune { began: bench.state.now_ms() });
+    assert_eq!(prune().await.expect("looks"), Pruned::None, "nothing is old enough");
     bench.pass(1000.0).await;
-    assert!(bench.state.store().run(crate::store::Prune).await.expect("removes"));
-    assert!(!bench.state.store().run(crate::store::Prune).await.expect("looks"));
+    assert_eq!(prune().await.expect("removes"), Pruned::One);
+    assert_eq!(prune().await.expect("looks"), Pruned::None);
     bench.get(&old).await.problem(404, "unknown-study");
     assert_eq!(bench.get(&format!("{new}/dataset")).await.body, rows);
     assert_eq!(bench.view(&running).await["samples"]["succeeded"], 20, "still shared");

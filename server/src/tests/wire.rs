@@ -7,7 +7,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_util::sync::CancellationToken;
 
-use crate::{Config, run};
+use crate::{Config, serve};
 
 /// No test measures time; this only ends one which hangs.
 const DEADLINE: Duration = Duration::from_secs(60);
@@ -15,7 +15,7 @@ const DEADLINE: Duration = Duration::from_secs(60);
 struct Served {
     address: std::net::SocketAddr,
     stop: CancellationToken,
-    ended: tokio::task::JoinHandle<Result<(), crate::serve::ServerError>>,
+    ended: tokio::task::JoinHandle<Result<(), crate::ServerError>>,
     _folder: TempDir,
 }
 
@@ -27,7 +27,9 @@ impl Served {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let address = listener.local_addr().expect("an address");
         let stop = CancellationToken::new();
-        let ended = tokio::spawn(run(listener, config, stop.clone().cancelled_owned()));
+        let state =
+            crate::open_with_clock(config, std::sync::Arc::new(crate::SystemClock::start())).await.expect("opens");
+        let ended = tokio::spawn(serve(listener, state, stop.clone().cancelled_owned()));
         Self { address, stop, ended, _folder: folder }
     }
 

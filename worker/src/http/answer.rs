@@ -50,17 +50,26 @@ pub async fn open(request: RequestBuilder, expected: &str) -> Result<Response, C
 /// # Errors
 /// As [`send`], and when the answer is not what it should be.
 pub async fn call<T: DeserializeOwned>(request: RequestBuilder) -> Result<T, CallError> {
+    Ok(call_for_status(request).await?.1)
+}
+
+/// [`call`], which also returns the status of the answer.
+///
+/// # Errors
+/// As [`call`].
+pub async fn call_for_status<T: DeserializeOwned>(request: RequestBuilder) -> Result<(StatusCode, T), CallError> {
     let response = send(request).await?;
     if !is_json(&response) {
         return Err(refusal(response).await);
     }
     let (url, status) = (response.url().to_string(), response.status());
     let body = response.bytes().await?;
-    serde_json::from_slice(&body).map_err(|error| CallError::Foreign {
+    let read = serde_json::from_slice(&body).map_err(|error| CallError::Foreign {
         url,
         status: status.as_u16(),
         what: format!("{status}, but not the JSON expected: {error}"),
-    })
+    })?;
+    Ok((status, read))
 }
 
 /// What an answer which is not the one hoped for means.

@@ -1,5 +1,6 @@
 //! The parent's side.
 
+use std::ffi::OsStr;
 use std::io;
 use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
@@ -119,6 +120,10 @@ impl Slot {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         #[cfg(unix)]
         command.arg0("manduca");
+        // It only computes: what it does not have it cannot give away.
+        for (name, _) in std::env::vars_os().filter(|(name, _)| is_secret(name)) {
+            command.env_remove(name);
+        }
         let mut child = command.spawn()?;
         let (Some(stdin), Some(stdout), Some(stderr)) = (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {
@@ -181,6 +186,11 @@ fn is_shortage(error: &io::Error) -> bool {
     is_out_of_files || matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::OutOfMemory)
 }
 
+/// Whether a variable holds a token, or says where one is.
+fn is_secret(variable: &OsStr) -> bool {
+    variable.as_encoded_bytes().starts_with(b"MANDUCA_TOKEN")
+}
+
 fn describe(status: ExitStatus) -> String {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
@@ -215,6 +225,12 @@ mod tests {
             Outcome::Failed(reason, _) => (reason, at),
             other => panic!("{other:?}"),
         }
+    }
+
+    #[test]
+    fn tokens_are_secret() {
+        assert!(["MANDUCA_TOKEN", "MANDUCA_TOKEN_FILE"].iter().all(|name| is_secret(name.as_ref())));
+        assert!(!is_secret("MANDUCA_SLOTS".as_ref()));
     }
 
     #[tokio::test]

@@ -3,6 +3,7 @@
 use super::Party;
 use crate::store::claim::{Leased, leased};
 use crate::store::names::named;
+use crate::store::unreadable::fail_unreadable;
 use crate::store::{StoreError, Work};
 
 /// Gives each worker which says what it has the rest of what is leased to it, as the same
@@ -23,9 +24,19 @@ pub(super) async fn give(work: &mut Work<'_>, parties: &mut [Party<'_>]) -> Resu
         .fetch_all(&mut *work.db)
         .await?;
         for (job, attempt, ordinal, parameters, study, role) in missed {
-            let again = leased(work, study, named(&role)?, (job, attempt, ordinal, parameters)).await?;
-            renew(work, &again).await?;
-            party.told.leased.push(again);
+            let row = (job, attempt, ordinal, parameters);
+            let again = match named(&role) {
+                Ok(role) => leased(work, study, role, row).await,
+                Err(error) => Err(error),
+            };
+            match again {
+                Ok(again) => {
+                    renew(work, &again).await?;
+                    party.told.leased.push(again);
+                }
+                Err(StoreError::Corrupt(why)) => fail_unreadable(work, study, &why).await?,
+                Err(error) => return Err(error),
+            }
         }
     }
     Ok(())

@@ -7,6 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::results::Finish;
 use crate::event::Event;
 use crate::store::evidence::{Class, Evidence, refuse};
+use crate::store::unreadable::fail_unreadable;
 use crate::store::{StoreError, Work};
 
 /// A finished sample may be chosen for an audit; a finished audit is compared.
@@ -17,7 +18,11 @@ pub(super) async fn follow(
 ) -> Result<(), StoreError> {
     match (finished.role, &finished.key) {
         (JobRole::Sample, Some(key)) => {
-            let (_, spec) = work.specs.of(work.db, finished.study).await?;
+            let spec = match work.specs.of(work.db, finished.study).await {
+                Ok((_, spec)) => spec,
+                Err(StoreError::Corrupt(why)) => return fail_unreadable(work, finished.study, &why).await,
+                Err(error) => return Err(error),
+            };
             if spec.audit > 0.0 && is_chosen(key, spec.audit) {
                 insert_audit(work.db, finished.result.job).await?;
                 work.events.push(Event::Ready);
@@ -58,7 +63,7 @@ async fn compare(work: &mut Work<'_>, audit: &Finish<'_>, evidence: &mut Evidenc
         };
         refuse(work, evidence, audit.worker, audit.result, class, &reason).await?;
     }
-    let (study, _) = work.specs.of(work.db, audit.study).await?;
+    let Ok((study, _)) = work.specs.of(work.db, audit.study).await else { return Ok(()) };
     work.events.push(Event::Audited { study, job: JobId(sample), worker: audit.worker, agrees });
     Ok(())
 }

@@ -86,7 +86,7 @@ fn folder() -> TempDir {
 pub(super) async fn empty_database() -> Vec<u8> {
     let folder = folder();
     let file = folder.path().join("manduca.db");
-    Offline::open(&file).await.expect("opens").close().await;
+    Offline::make(&file).await.expect("opens").close().await;
     std::fs::read(&file).expect("is there")
 }
 
