@@ -180,6 +180,16 @@ impl Api {
         http::send_expecting(self.http.post(&format!("/v1/workers/{worker}/drain")), StatusCode::ACCEPTED).await
     }
 
+    /// Sets a worker aside and disowns its results.
+    pub async fn disown(&self, worker: WorkerId) -> Result<(), CallError> {
+        http::send(self.http.post(&format!("/v1/workers/{worker}/disown"))).await.map(drop)
+    }
+
+    /// Gives jobs again to a worker that was set aside.
+    pub async fn readmit(&self, worker: WorkerId) -> Result<(), CallError> {
+        http::send(self.http.post(&format!("/v1/workers/{worker}/readmit"))).await.map(drop)
+    }
+
     /// Why a job is where it is.
     pub async fn explain(&self, job: JobId) -> Result<Explanation, CallError> {
         http::call(self.http.get(&format!("/v1/jobs/{job}/explain"))).await

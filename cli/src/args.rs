@@ -19,7 +19,8 @@ pub use bench::{
 pub use fetch::{CompletionsArgs, DatasetArgs, DatasetFormat, FiguresArgs, SurrogateArgs, SurrogateFormat};
 pub use model::{Model, ModelArgs};
 pub use operate::{
-    BackupArgs, CheckArgs, DbCommand, DoctorArgs, DrainArgs, ExplainArgs, PruneArgs, WorkerListArgs, WorkersCommand,
+    BackupArgs, CheckArgs, DbCommand, DisownArgs, DoctorArgs, DrainArgs, ExplainArgs, PruneArgs, ReadmitArgs,
+    WorkerListArgs, WorkersCommand,
 };
 pub use optimise::{Method, OptimiseArgs};
 pub use record::RecordArgs;

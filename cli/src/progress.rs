@@ -153,6 +153,7 @@ mod tests {
     use super::*;
     use manduca_protocol::ids::StudyId;
     use manduca_protocol::task::Progress;
+    use manduca_protocol::trust::AuditVerdicts;
     use manduca_protocol::view::{JobCounts, StageSeconds};
 
     fn view(state: StudyState) -> StudyView {
@@ -160,6 +161,9 @@ mod tests {
         spec.sampling.samples = 300;
         StudyView {
             audits: JobCounts::default(),
+            audit_verdicts: AuditVerdicts::default(),
+            distrusted: Vec::new(),
+            disowned_results: 0,
             id: StudyId::new(),
             state,
             paused_from: None,

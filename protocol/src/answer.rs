@@ -8,6 +8,7 @@ use crate::optimum::{Optimality, OptimiseResult};
 use crate::point::ParameterValues;
 use crate::search::Standing;
 use crate::task::{Scaled, ScaledEstimates, SimulateOutcome, SimulateResult};
+use crate::trust::is_none;
 use crate::view::{StageSeconds, StudyState};
 
 /// Ask the network. `POST /v1/studies/{study}/surrogate/predictions`
@@ -131,6 +132,9 @@ pub struct StudyResult {
     pub stages_s: StageSeconds,
     /// Version of the numbers.
     pub solver_version: String,
+    /// Results that all of this rests on although they are not believed any more.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub disowned_results: u64,
 }
 
 /// How the samples ended.

@@ -23,6 +23,7 @@ pub mod study;
 pub mod task;
 pub mod text;
 pub mod training;
+pub mod trust;
 pub mod view;
 pub mod watch;
 pub mod who;

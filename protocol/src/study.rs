@@ -40,6 +40,9 @@ pub struct StudySpec {
     /// Share of the samples flown once more by another worker and compared bit by bit, 0 to 1.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub audit: f64,
+    /// Whether every simulation is flown for this study, although others may have flown the same.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub fresh: bool,
 }
 
 /// Bounds or a held value.

@@ -8,6 +8,7 @@ use crate::point::ParameterValues;
 use crate::problem::FieldProblem;
 use crate::study::{StudySpec, SurrogateKind};
 use crate::task::{EpochMessage, ErrorsMessage, JobKind, Progress, Provenance, SimulateResult};
+use crate::trust::{AuditVerdicts, DistrustedWorker, is_none};
 use crate::who::ComputedBy;
 
 pub use crate::answer::{
@@ -154,9 +155,18 @@ pub struct StudyView {
     pub rate_per_s: Option<f64>,
     /// Estimated seconds to the end of this stage.
     pub eta_s: Option<f64>,
-    /// Samples flown again by another worker, by state; those which differed are evidence.
+    /// Samples flown again, by another worker where there is one, by state.
     #[serde(default)]
     pub audits: JobCounts,
+    /// What became of these.
+    #[serde(default, skip_serializing_if = "AuditVerdicts::is_empty")]
+    pub audit_verdicts: AuditVerdicts,
+    /// Workers whose results in this study are not believed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub distrusted: Vec<DistrustedWorker>,
+    /// Results that the study rests on although they are not believed.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub disowned_results: u64,
     /// Wall time per stage.
     pub stages_s: StageSeconds,
     /// Errors of the network on the test share.
@@ -187,6 +197,9 @@ pub struct SurrogateView {
     pub validation: Option<ErrorsMessage>,
     /// Errors on the test share, once it is done.
     pub test: Option<ErrorsMessage>,
+    /// Results of its study that are not believed any more.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub disowned_results: u64,
 }
 
 /// A job in a list. `GET /v1/studies/{study}/jobs`

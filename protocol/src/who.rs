@@ -65,4 +65,7 @@ pub struct WorkerView {
     /// The name of the token that asked it to leave.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drained_by: Option<String>,
+    /// Why it is given no jobs until an operator readmits it: a wrong result, or an operator's word.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub set_aside: Option<String>,
 }

@@ -10,6 +10,15 @@ function present(study) {
   return study.state === "paused" ? study.paused_from : study.state;
 }
 
+/** What is not to be believed of a study, and whose it is. */
+function doubts(study) {
+  const told = (study.distrusted ?? []).map((w) => h("p", { class: "fault", role: "alert" },
+    `Results of ${w.name} are not believed${w.reason ? `: ${w.reason}` : ""}. `
+    + `${w.replaced} were dropped and computed again, the study rests on ${w.disowned}.`));
+  const open = study.audit_verdicts?.disputed ?? 0;
+  return open ? [...told, h("p", { class: "hint" }, `Two workers differ about ${open} samples; the coordinator flies them.`)] : told;
+}
+
 /** Stages done, the present one, and those to come. */
 function rail(study) {
   const now = STAGES.indexOf(present(study));
@@ -75,6 +84,7 @@ export function stagesPanel(id, look) {
         study.spec.description ? h("p", { class: "soft" }, study.spec.description) : null,
         rail(study),
         study.failure ? h("p", { class: "fault", role: "alert" }, study.failure) : null,
+        ...doubts(study),
         moving ? h("progress", { max: all || 1, value: done, "aria-label": `${present(study)}: ${done} of ${all}` }) : null,
         moving ? h("p", {}, `${present(study)}: ${whole(done)} of ${whole(all)}`, study.progress?.note ? ` · ${study.progress.note}` : "",
           study.state === "paused" ? " · paused" : "") : null,

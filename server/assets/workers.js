@@ -19,7 +19,7 @@ export function workersPanel() {
     const [[first, before]] = marks;
     return now - first > 3000 ? (worker.completed - before) / ((now - first) / 1000) : null;
   };
-  const state = (w) => (!w.alive ? "silent" : w.quarantined ? "set aside" : w.draining ? "draining" : w.leased ? "working" : "idle");
+  const state = (w) => (!w.alive ? "silent" : w.set_aside ? "not trusted" : w.quarantined ? "set aside" : w.draining ? "draining" : w.leased ? "working" : "idle");
   const told = h("div", { "aria-live": "polite" });
   const drain = async (worker) => {
     if (!(await confirmed(`Drain ${worker.name}? It finishes what it has in hand, takes nothing more, and leaves.`, "Drain worker"))) return;
@@ -55,7 +55,7 @@ export function workersPanel() {
       table(null, [
         ["Worker", (w) => w.name],
         ...(workers.some((w) => w.token) ? [["Token", (w) => w.token ?? ""]] : []),
-        ["State", (w) => badge(state(w))],
+        ["State", (w) => h("span", { title: w.set_aside ?? "" }, badge(state(w)))],
         ["Slots", (w) => w.slots, true],
         ["Jobs in hand", (w) => whole(w.leased), true],
         ["Jobs a second", (w) => digits(rates.get(w.id), 2), true],

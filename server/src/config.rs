@@ -47,6 +47,11 @@ pub struct Config {
     pub registrations_per_s: f64,
     /// How long an attempt may compute, renewed or not, by kind of job.
     pub run_limits: RunLimits,
+    /// How long the check of a training, an optimum or a round of a search may take, with its wait for those
+    /// before it.
+    pub check_limit: Duration,
+    /// How long a worker that delivers such a result is kept waiting for the outcome of the check.
+    pub check_wait: Duration,
     /// What an attempt beyond its limit is given to say so itself, before the coordinator does.
     pub run_grace: Duration,
     /// How long studies are kept after their end; for ever where none.
@@ -107,6 +112,8 @@ impl Config {
             registrations: 1000,
             registrations_per_s: 1.0,
             run_limits: RunLimits::default(),
+            check_limit: Duration::from_secs(3600),
+            check_wait: Duration::from_secs(2),
             run_grace: Duration::from_secs(30),
             keep: None,
             sweep: Duration::from_millis(500),

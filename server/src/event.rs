@@ -98,6 +98,30 @@ pub(crate) enum Event {
         worker: WorkerId,
         agrees: bool,
     },
+    /// A result that is checked before it is believed.
+    Unchecked {
+        study: StudyId,
+        job: JobId,
+        role: JobRole,
+        worker: WorkerId,
+    },
+    SetAside {
+        worker: WorkerId,
+        name: String,
+        reason: String,
+    },
+    Readmitted {
+        worker: WorkerId,
+    },
+    /// Results of a worker that are not believed any more, in one study.
+    Disowned {
+        study: StudyId,
+        worker: WorkerId,
+        /// Dropped, and their jobs queued again.
+        replaced: i64,
+        /// Kept, because something was built on them.
+        marked: i64,
+    },
     Pruned {
         study: StudyId,
         name: String,
@@ -137,6 +161,10 @@ impl Event {
             Self::Draining { .. } => "worker_draining",
             Self::Audited { agrees: true, .. } => "audit_agreed",
             Self::Audited { agrees: false, .. } => "audit_differed",
+            Self::Unchecked { .. } => "unchecked",
+            Self::SetAside { .. } => "worker_set_aside",
+            Self::Readmitted { .. } => "worker_readmitted",
+            Self::Disowned { .. } => "results_disowned",
             Self::Pruned { .. } => "study_pruned",
             Self::Recovered { .. } => "recovered",
             Self::Resumed { .. } => "resumed",
@@ -163,6 +191,8 @@ impl Event {
             | Self::Failed { study, .. }
             | Self::Moved { study, .. }
             | Self::Audited { study, .. }
+            | Self::Unchecked { study, .. }
+            | Self::Disowned { study, .. }
             | Self::Pruned { study, .. } => Some(*study),
             Self::Leased { .. }
             | Self::Refused { .. }
@@ -171,6 +201,8 @@ impl Event {
             | Self::Left { .. }
             | Self::Quarantined { .. }
             | Self::Draining { .. }
+            | Self::SetAside { .. }
+            | Self::Readmitted { .. }
             | Self::Recovered { .. }
             | Self::Resumed { .. }
             | Self::Ready => None,
@@ -188,6 +220,8 @@ impl Event {
                 | Self::Left { .. }
                 | Self::Quarantined { .. }
                 | Self::Draining { .. }
+                | Self::SetAside { .. }
+                | Self::Readmitted { .. }
         )
     }
 
@@ -243,7 +277,19 @@ impl Event {
                 tracing::info!(study.id = %study, job.id = %job, worker.id = %worker, "Audit agrees");
             }
             Self::Audited { study, job, worker, agrees: false } => {
-                tracing::warn!(study.id = %study, job.id = %job, worker.id = %worker, "Audit differs or could not be compared; see the evidence");
+                tracing::warn!(study.id = %study, job.id = %job, worker.id = %worker, "Audit differs; the coordinator flies the stroke itself");
+            }
+            Self::Unchecked { study, job, role, worker } => {
+                tracing::debug!(study.id = %study, job.id = %job, job.role = ?role, worker.id = %worker, "Result is checked");
+            }
+            Self::SetAside { worker, name, reason } => {
+                tracing::error!(worker.id = %worker, worker.name = name, worker.reason = reason, "Worker set aside until it is readmitted; its results are disowned");
+            }
+            Self::Readmitted { worker } => {
+                tracing::info!(worker.id = %worker, "Worker readmitted");
+            }
+            Self::Disowned { study, worker, replaced, marked } => {
+                tracing::warn!(study.id = %study, worker.id = %worker, results.replaced = replaced, results.marked = marked, "Results of a worker are disowned");
             }
             Self::Pruned { study, name, jobs } => {
                 tracing::info!(study.id = %study, study.name = name, jobs.count = jobs, "Study removed, its time being over");

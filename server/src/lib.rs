@@ -7,8 +7,10 @@
 
 mod app;
 mod auth;
+mod beside;
 mod changes;
 mod check;
+mod claims;
 mod clock;
 mod compose;
 mod config;
@@ -40,6 +42,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod validity;
 
 pub use app::app;
 pub use auth::{Access, Host, Hosts, Scope, Scopes, Secret, TokenHash};

@@ -1,5 +1,5 @@
-//! A stroke flown for who looks at one: the only place where the coordinator flies, in its turn
-//! (`turn.rs`) and at no more than a limit of work.
+//! The only place where the coordinator flies: a stroke somebody looks at, in its turn (`turn.rs`) and at no
+//! more than a limit of work, and one about which two workers differ (`beside.rs`).
 
 use axum::body::Bytes;
 use manduca_numerics::history::{Recorder, Steps, StepsError, record_while};
@@ -9,7 +9,7 @@ use manduca_protocol::flight::{SimulationView, WakeChoice};
 use manduca_protocol::history::{AXES, HistoryRow, SENSE, SIDE, WakeStep};
 use manduca_protocol::problem::FieldProblem;
 use manduca_protocol::resolve::{self, ResolvedModel};
-use manduca_protocol::task::{SimulateOutcome, SimulateTask};
+use manduca_protocol::task::{SimulateOutcome, SimulateResult, SimulateTask};
 
 use crate::turn::Key;
 
@@ -94,6 +94,20 @@ impl Asked {
     }
 }
 
+/// The digest of a simulation's result, as the store has those of workers; none when told to stop.
+///
+/// # Errors
+/// When it has none.
+pub(crate) fn result(task: &SimulateTask, on: &dyn Fn() -> bool) -> Result<Option<[u8; 32]>, Failed> {
+    let model = resolve::model(&task.model, "/model").map_err(|_| Failed::Model)?;
+    let Some((flown, _)) = record_while(&model.simulation(&task.parameters), &Steps::none(), on)? else {
+        return Ok(None);
+    };
+    let outcome = SimulateOutcome::of(flown).ok_or(Failed::NonFinite)?;
+    let result = SimulateResult { outcome, solver_version: SOLVER_VERSION.into() };
+    Ok(Some(*blake3::hash(&serde_json::to_vec(&result)?).as_bytes()))
+}
+
 /// Why a flight here would cost too much, or has no wake.
 fn too_much(model: &ResolvedModel, wake: Option<WakeChoice>, at: &str) -> Option<FieldProblem> {
     let settings = match &model.model {
@@ -114,6 +128,8 @@ fn too_much(model: &ResolvedModel, wake: Option<WakeChoice>, at: &str) -> Option
 /// Why a stroke which was accepted has no answer.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failed {
+    #[error("the model is not valid")]
+    Model,
     #[error("the flight cannot be recorded")]
     Steps(#[from] StepsError),
     #[error("a mean is not finite")]

@@ -1,6 +1,7 @@
 //! Work on a database from outside the coordinator, which may run meanwhile.
 
 pub(crate) mod check;
+mod disown;
 pub(crate) mod upkeep;
 
 use std::path::Path;

@@ -2,7 +2,6 @@
 //! writer, whose time all workers share.
 
 use manduca_numerics::simulation::SOLVER_VERSION;
-use manduca_protocol::network;
 use manduca_protocol::search::{SearchNext, SearchResult};
 use manduca_protocol::study::SurrogateKind;
 use manduca_protocol::task::{JobKind, JobResult, SimulateOutcome, TrainCheckpoint, TrainResult};
@@ -10,7 +9,8 @@ use manduca_protocol::view::{SearchView, SurrogateView};
 use manduca_protocol::worker::Completion;
 
 use crate::error::ApiError;
-use crate::store::{Outcome, Prepared, STROKES, pack};
+use crate::store::{Outcome, Prepared, pack};
+use crate::validity::{self, Flown};
 
 /// A result as it goes into the store.
 ///
@@ -18,7 +18,11 @@ use crate::store::{Outcome, Prepared, STROKES, pack};
 /// When it cannot be serialised or compressed, which is a fault of the coordinator.
 pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
     let Completion { job, attempt, result, provenance } = completion;
-    let outcome = outcome(&result);
+    let (provenance, sound) = validity::provenance(provenance);
+    let (outcome, flown) = match sound.and_then(|()| judge(&result)) {
+        Ok(judged) => judged,
+        Err(why) => (Outcome::Unusable(why), None),
+    };
     let (kind, json, summary) = match result {
         JobResult::Simulate(result) => (JobKind::Simulate, to_json(&*result)?, None),
         JobResult::Optimise(result) => (JobKind::Optimise, to_json(&*result)?, None),
@@ -33,7 +37,7 @@ pub(crate) fn prepare(completion: Completion) -> Result<Prepared, ApiError> {
     };
     let digest = *blake3::hash(&json).as_bytes();
     let body = pack(json).map_err(internal)?;
-    Ok(Prepared { job, attempt, kind, outcome, digest, body, summary, provenance })
+    Ok(Prepared { job, attempt, kind, outcome, flown, digest, body, summary, provenance })
 }
 
 fn to_json(value: &impl serde::Serialize) -> Result<Vec<u8>, ApiError> {
@@ -48,9 +52,9 @@ fn internal(error: impl std::error::Error + Send + Sync + 'static) -> ApiError {
     ApiError::Internal(Box::new(error))
 }
 
-/// What a result makes of its job. Registration has compared the versions, but
-/// the result is what counts.
-fn outcome(result: &JobResult) -> Outcome {
+/// What a result makes of its job, by itself, and the means of a flight. Registration has compared the
+/// versions, but the result is what counts.
+fn judge(result: &JobResult) -> Result<(Outcome, Option<Flown>), String> {
     let version = match result {
         JobResult::Simulate(r) => &r.solver_version,
         JobResult::Train(r) => &r.solver_version,
@@ -58,25 +62,25 @@ fn outcome(result: &JobResult) -> Outcome {
         JobResult::Search(r) => &r.solver_version,
     };
     if version != SOLVER_VERSION {
-        return Outcome::Unusable(format!("computed by solver version `{version}`, not `{SOLVER_VERSION}`"));
+        let theirs = validity::cut(version, 20);
+        return Err(format!("computed by solver version `{theirs}`, not `{SOLVER_VERSION}`"));
     }
     match result {
         JobResult::Simulate(r) => match &r.outcome {
-            SimulateOutcome::Ok { .. } => Outcome::Succeeded,
-            SimulateOutcome::Infeasible { reason } => Outcome::Infeasible(reason.clone()),
-        },
-        JobResult::Train(r) => match network::surrogate(&r.surrogate) {
-            Ok(_) => Outcome::Succeeded,
-            Err(why) => Outcome::Unusable(format!("not a surrogate: {why}")),
-        },
-        JobResult::Optimise(_) => Outcome::Succeeded,
-        JobResult::Search(r) => match &r.next {
-            SearchNext::Fly { strokes, .. } if strokes.is_empty() || strokes.len() > STROKES as usize => {
-                Outcome::Unusable(format!("asks for {} strokes; 1 to {STROKES} are possible", strokes.len()))
+            SimulateOutcome::Ok { means, scaled, joints, power_per_lift_w_per_n, strokes_averaged } => {
+                let flown = validity::flown(means, scaled, joints, *power_per_lift_w_per_n, *strokes_averaged)?;
+                return Ok((Outcome::Succeeded, Some(flown)));
             }
-            _ => Outcome::Succeeded,
+            SimulateOutcome::Infeasible { reason } => {
+                validity::reason(reason)?;
+                return Ok((Outcome::Infeasible(reason.clone()), None));
+            }
         },
+        JobResult::Train(r) => validity::training(r)?,
+        JobResult::Optimise(r) => validity::optimum(r)?,
+        JobResult::Search(r) => validity::round(r)?,
     }
+    Ok((Outcome::Succeeded, None))
 }
 
 /// A round of a search without the strokes it asks for.
@@ -102,6 +106,7 @@ fn summary(result: TrainResult) -> SurrogateView {
         train: Some(result.train),
         validation: Some(result.validation),
         test: Some(result.test),
+        disowned_results: 0,
     }
 }
 
@@ -112,5 +117,15 @@ pub(crate) fn running(at: TrainCheckpoint) -> SurrogateView {
     let stops = at.members.iter().map(|m| m.stopped.clone()).collect();
     let curve = at.members.into_iter().flat_map(|m| m.curve).chain(at.curve).collect();
     let kind = SurrogateKind::Network;
-    SurrogateView { kind, neurons, curve, best_iterations, stops, train: None, validation: None, test: None }
+    SurrogateView {
+        kind,
+        neurons,
+        curve,
+        best_iterations,
+        stops,
+        train: None,
+        validation: None,
+        test: None,
+        disowned_results: 0,
+    }
 }

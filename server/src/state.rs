@@ -9,6 +9,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::auth::{Refusals, Tokens};
+use crate::beside::{self, Beside};
 use crate::changes::Changes;
 use crate::clock::{Clock, SystemClock, rfc3339};
 use crate::config::Config;
@@ -49,6 +50,7 @@ struct Inner {
     hold: Mutex<Option<Hold>>,
     /// Cancelled when the sweep has ended.
     swept: CancellationToken,
+    beside: Arc<Beside>,
 }
 
 /// Opens the store of a database that is held and starts what runs beside the requests: the writer
@@ -71,12 +73,14 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
     let (rates, ready) = (Arc::new(Rates::default()), Arc::new(Notify::new()));
     let metrics = Arc::new(Metrics::default());
     let changes = Arc::new(Changes::new(config.watchers));
+    let beside = Arc::new(Beside::default());
     let observer = {
         let (rates, ready, clock, metrics) = (rates.clone(), ready.clone(), clock.clone(), metrics.clone());
-        let changes = changes.clone();
+        let (changes, beside) = (changes.clone(), beside.clone());
         Arc::new(move |events: &[Event]| {
             observe(events, &rates, &ready, &metrics, clock.now_ms());
             changes.observe(events);
+            events.iter().for_each(|event| beside.observe(event));
         })
     };
     let store = Store::open(config.clone(), clock.clone(), observer, metrics.clone()).await?;
@@ -92,6 +96,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
         let _ends = ends;
         sweeping.await;
     });
+    beside::start(&store, &beside, &stopping);
     Ok(AppState {
         inner: Arc::new(Inner {
             heavy: Heavy::new(processors(), config.readers),
@@ -111,6 +116,7 @@ pub async fn open_with_clock(config: Config, clock: Arc<dyn Clock>) -> Result<Ap
             large: Large::default(),
             hold: Mutex::default(),
             swept,
+            beside,
         }),
     })
 }
@@ -267,6 +273,11 @@ impl AppState {
     /// Strokes flown here.
     pub(crate) fn turns(&self) -> &Turns {
         &self.inner.turns
+    }
+
+    /// What is done beside the requests.
+    pub(crate) fn beside(&self) -> &Beside {
+        &self.inner.beside
     }
 
     /// Memory for the bodies of requests.

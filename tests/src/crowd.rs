@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
+use manduca_numerics::insect::Insect;
 use serde_json::{Value, json};
 
 use crate::SOLVER_VERSION;
@@ -144,16 +145,21 @@ impl Member {
 /// A result of a simulation, the same whenever it is asked for.
 pub fn completion(lease: &Value) -> Value {
     let x = lease["job"].as_i64().unwrap_or_default() as f64;
-    let e = |mean: f64| json!({ "mean": mean, "se": 0.001 });
-    let joint = json!({ "aerodynamic_w": 0.1, "inertial_w": 0.0, "required_w": 0.1 });
+    let e = |mean: f64, scale: f64| json!({ "mean": mean * scale, "se": 0.001 * scale });
+    let (scaled, scales) = ([x, 0.0, 0.1, 1.1], Insect::default().scales());
+    let si = |i: usize| e(scaled[i], scales[i]);
+    let over = |i: usize| e(scaled[i], 1.0);
+    let (lift, power) = (x * scales[0], 1.1 * scales[3]);
+    let joint = json!({ "aerodynamic_w": power / 3.0, "inertial_w": 0.0, "required_w": power / 3.0 });
     json!({
         "job": lease["job"], "attempt": lease["attempt"], "provenance": { "wall_s": 0.01, "level": "test" },
         "result": {
             "kind": "simulate", "outcome": "ok",
-            "means": { "lift_n": e(x), "drag_n": e(0.0), "pitch_moment_nm": e(1e-7), "power_w": e(0.08) },
-            "scaled": { "lift": e(x), "drag": e(0.0), "pitch_moment": e(0.1), "power": e(1.1) },
+            "means": { "lift_n": si(0), "drag_n": si(1), "pitch_moment_nm": si(2), "power_w": si(3) },
+            "scaled": { "lift": over(0), "drag": over(1), "pitch_moment": over(2), "power": over(3) },
             "joints": { "sweep": joint, "elevation": joint, "rotation": joint },
-            "power_per_lift_w_per_n": 5.0, "strokes_averaged": 6, "solver_version": SOLVER_VERSION
+            "power_per_lift_w_per_n": (lift > 0.0).then(|| power / lift), "strokes_averaged": 1,
+            "solver_version": SOLVER_VERSION
         }
     })
 }

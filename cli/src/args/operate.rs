@@ -89,6 +89,50 @@ pub enum WorkersCommand {
     List(WorkerListArgs),
     /// Ask workers to finish what they have and leave.
     Drain(DrainArgs),
+    /// Set a worker aside and disown all of its results.
+    Disown(DisownArgs),
+    /// Give jobs again to a worker that was set aside.
+    Readmit(ReadmitArgs),
+}
+
+/// `manduca workers disown`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Its results are dropped and computed again in studies that still sample. In all others they are
+marked: their views say that they rest on them. No study shares them any more. The worker is
+given no jobs until it is readmitted. A token needs the scope `admin` for this.
+
+Examples:
+  manduca workers disown node17
+  manduca workers disown node17 --data /var/lib/manduca")]
+pub struct DisownArgs {
+    /// Its name, or its id; all workers of that name.
+    pub worker: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Do it in the database of this folder, which may be in use; it knows workers that left long ago.
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Print one JSON array of the ids.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `manduca workers readmit`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Results that were disowned stay disowned. A token needs the scope `admin` for this.
+
+Example:
+  manduca workers readmit node17")]
+pub struct ReadmitArgs {
+    /// Its name, or its id; all workers of that name.
+    pub worker: String,
+    #[command(flatten)]
+    pub coordinator: Coordinator,
+    /// Print one JSON array of the ids.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `manduca workers list`.

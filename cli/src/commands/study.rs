@@ -134,6 +134,7 @@ fn describe(out: &mut Output, view: &StudyView) -> std::io::Result<()> {
             s.succeeded, view.spec.sampling.samples, s.infeasible, s.dead, s.leased
         ))?;
     }
+    render::trust::trust(out, view)?;
     for optimum in &view.optimisations {
         if let Some(search) = &optimum.breeding {
             out.line(format_args!("flown     {}: {}", optimum.name, render::study::breeding(search)))?;

@@ -1,5 +1,7 @@
 //! `manduca workers` and `manduca explain`.
 
+mod trust;
+
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -15,6 +17,8 @@ pub async fn workers(command: WorkersCommand) -> Result<ExitCode> {
     match command {
         WorkersCommand::List(args) => list(args).await,
         WorkersCommand::Drain(args) => drain(args).await,
+        WorkersCommand::Disown(args) => trust::disown(args).await,
+        WorkersCommand::Readmit(args) => trust::readmit(args).await,
     }
 }
 
@@ -56,6 +60,7 @@ async fn list(args: WorkerListArgs) -> Result<ExitCode> {
 fn state(worker: &WorkerView) -> &'static str {
     match worker {
         WorkerView { alive: false, .. } => "silent",
+        WorkerView { set_aside: Some(_), .. } => "not trusted",
         WorkerView { draining: true, .. } => "draining",
         WorkerView { quarantined: true, .. } => "set aside",
         _ => "working",

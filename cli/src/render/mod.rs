@@ -2,6 +2,7 @@
 
 pub mod simulation;
 pub mod study;
+pub mod trust;
 
 use manduca_numerics::parameters::{Parameter, TABLE};
 use manduca_protocol::task::{Estimate, Scaled, ScaledEstimates};

@@ -38,7 +38,16 @@ pub fn result(out: &mut Output, result: &StudyResult) -> io::Result<()> {
     if counts.succeeded + counts.infeasible + counts.dead > 0 {
         out.line(samples)?;
     }
-    out.line(format_args!("time      {}", stages(&result.stages_s)))
+    out.line(format_args!("time      {}", stages(&result.stages_s)))?;
+    disowned(out, result.disowned_results)
+}
+
+/// Says so where an answer rests on results that are not believed.
+pub fn disowned(out: &mut Output, results: u64) -> io::Result<()> {
+    if results == 0 {
+        return Ok(());
+    }
+    out.line(format_args!("DOUBTFUL  all of this rests on {} that are disowned", counted(results, "result")))
 }
 
 /// Wall time of each stage.
@@ -268,6 +277,7 @@ mod tests {
             optimisations: vec![optimum],
             stages_s: StageSeconds { sampling: Some(61.0), ..StageSeconds::default() },
             solver_version: "1".into(),
+            disowned_results: 3,
         };
         let (mut out, captured) = capture::output();
         result(&mut out, &study).unwrap();
@@ -285,6 +295,7 @@ mod tests {
             "beside optimum I",
             "3.0e-11",
             "sampling 1 min 01 s",
+            "3 results",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }

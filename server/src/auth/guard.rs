@@ -69,7 +69,7 @@ fn required(method: &Method, path: &str) -> Option<Scope> {
         // The page itself is the same for everybody; what it shows is not.
         (Some(""), None, ..) | (Some("assets"), Some(_), ..) if reads => None,
         (Some("v1"), Some("jobs"), Some(_), Some("task")) => Some(Scope::Worker),
-        (Some("v1"), Some("workers"), _, Some("drain")) => Some(Scope::Admin),
+        (Some("v1"), Some("workers"), _, Some("drain" | "disown" | "readmit")) => Some(Scope::Admin),
         (Some("v1"), Some("workers"), ..) if !reads => Some(Scope::Worker),
         // Asked by POST, but nothing is stored.
         (Some("v1"), Some("simulations"), None, _) => Some(Scope::Read),
@@ -114,6 +114,8 @@ mod tests {
             (&post, "/v1/workers", Some(Scope::Worker)),
             (&post, "/v1/workers/1/exchange", Some(Scope::Worker)),
             (&post, "/v1/workers/1/drain", Some(Scope::Admin)),
+            (&post, "/v1/workers/1/disown", Some(Scope::Admin)),
+            (&post, "/v1/workers/1/readmit", Some(Scope::Admin)),
             (&delete, "/v1/workers/1", Some(Scope::Worker)),
             (&post, "/no/such/route", Some(Scope::Submit)),
         ];

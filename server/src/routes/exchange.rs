@@ -4,10 +4,13 @@ use std::time::Duration;
 
 use axum::Json;
 use axum::extract::{Extension, State};
-use manduca_protocol::ids::WorkerId;
+use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::problem::{FieldProblem, Problem};
 use manduca_protocol::task::{JobKind, JobResult};
-use manduca_protocol::worker::{Completion, ExchangeRequest, ExchangeResponse, MAX_BATCH, MAX_WAIT_S, Renewal};
+use manduca_protocol::worker::{
+    Completion, ExchangeRequest, ExchangeResponse, MAX_BATCH, MAX_WAIT_S, Rejected, Renewal,
+};
+use tokio::sync::oneshot;
 use tokio::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -72,8 +75,10 @@ async fn exchange(
         ..Exchange::asking(worker, caller.clone(), give(want))
     };
     let began = Instant::now();
+    let checks: Vec<_> = first.large().map(|job| (job, state.beside().wait(job))).collect();
     let mut told = state.store().exchange(first).await?;
     state.metrics().exchanged(began.elapsed());
+    hear(checks, &mut told, state.config().check_wait).await;
     // A worker with something to hear is told at once, and comes back to wait.
     while told.is_silent() && give(want) > 0 {
         tokio::select! {
@@ -99,6 +104,20 @@ async fn exchange(
         state.note_large(worker);
     }
     Ok(Json(response(told, state.config())?))
+}
+
+/// Waits a while for the outcome of checks. A result whose check takes longer is on disk, and accepted; should it be of
+/// no use, its worker is not told.
+async fn hear(checks: Vec<(JobId, oneshot::Receiver<Option<String>>)>, told: &mut Exchanged, wait: Duration) {
+    let until = Instant::now() + wait;
+    for (job, check) in checks {
+        if !told.unchecked.contains(&job) {
+            continue;
+        }
+        let Ok(Ok(Some(reason))) = tokio::time::timeout_at(until, check).await else { continue };
+        told.accepted.retain(|accepted| *accepted != job);
+        told.rejected.push(Rejected { job, reason });
+    }
 }
 
 fn check(request: &ExchangeRequest) -> Result<(), ApiError> {

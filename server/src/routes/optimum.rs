@@ -40,6 +40,7 @@ async fn optimum(State(state): State<AppState>, Id(study): Id<StudyId>) -> Resul
             .collect(),
         stages_s: store.stage_seconds(head.study, state.now_ms()).await?,
         solver_version: head.solver_version,
+        disowned_results: store.disowned_results(head.study).await?,
     }))
 }
 

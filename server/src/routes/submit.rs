@@ -110,11 +110,25 @@ async fn store(
     {
         return Ok(Submitted { id, created: false });
     }
+    let fresh = spec.fresh;
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
     let _turn = state.heavy().drawing(asker).await?;
     let drawn = checked(state, spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
-    let (id, by) = (StudyId::new(), caller.named());
-    let submit = Submit { id, name, spec: canonical, digest, samples, optimisations, idempotency_key, by, drawn };
+    let mut secret = [0; 32];
+    getrandom::fill(&mut secret).map_err(|e| ApiError::Internal(Box::new(e)))?;
+    let submit = Submit {
+        id: StudyId::new(),
+        name,
+        spec: canonical,
+        digest,
+        samples,
+        optimisations,
+        idempotency_key,
+        by: caller.named(),
+        drawn,
+        fresh,
+        secret,
+    };
     Ok(state.store().run(submit).await?)
 }
 

@@ -44,7 +44,8 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
 async fn show(State(state): State<AppState>, Id(study): Id<StudyId>) -> Result<Json<SurrogateView>, ApiError> {
     let study = state.store().study_number(study).await?;
     if let Some(done) = state.store().surrogate_of(study).await? {
-        return Ok(Json(done));
+        let disowned_results = state.store().disowned_results(study).await?;
+        return Ok(Json(SurrogateView { disowned_results, ..done }));
     }
     match state.store().checkpoint_of(study).await? {
         Some(Checkpoint::Train(at)) => Ok(Json(running(*at))),

@@ -70,6 +70,7 @@ async fn explain(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Js
     let workers = state.store().worker_sums(state.now_ms(), config.lease_ms()).await?;
     let mut because = Vec::new();
     reasons(&at, ahead, workers.slots, config.max_attempts, &mut because);
+    distrust(&state, job, at.state, &mut because).await?;
     Ok(Json(Explanation {
         job,
         study: at.study,
@@ -86,6 +87,21 @@ async fn explain(State(state): State<AppState>, Id(job): Id<JobId>) -> Result<Js
         failed_attempts: state.store().failed_attempts(job).await?,
         slots: workers.slots,
     }))
+}
+
+/// What workers that are not believed have to do with it.
+async fn distrust(state: &AppState, job: JobId, at: JobState, told: &mut Vec<String>) -> Result<(), ApiError> {
+    if let Some(worker) = state.store().disowner(job.0).await? {
+        told.push(format!("its result is from worker `{worker}`, whose results are disowned"));
+    }
+    if at == JobState::Ready {
+        let names = state.store().set_aside().await?;
+        if !names.is_empty() {
+            let names = names.join("`, `");
+            told.push(format!("set aside for wrong results until `manduca workers readmit`: `{names}`"));
+        }
+    }
+    Ok(())
 }
 
 /// The sentences.

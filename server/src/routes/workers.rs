@@ -21,7 +21,7 @@ use crate::http::body::JsonBody;
 use crate::http::cursor;
 use crate::http::parts::{Id, Params};
 use crate::state::AppState;
-use crate::store::{Deregister, Drain, Register, WorkerFilter};
+use crate::store::{Deregister, Disown, Drain, Readmit, Register, WorkerFilter};
 
 /// Most slots of one worker.
 const MOST_SLOTS: u32 = 4096;
@@ -34,6 +34,8 @@ pub(super) fn router() -> OpenApiRouter<AppState> {
         .routes(routes!(list))
         .routes(routes!(deregister))
         .routes(routes!(drain))
+        .routes(routes!(disown))
+        .routes(routes!(readmit))
 }
 
 /// A worker introduces itself. Only workers of the same exchange and the same
@@ -160,4 +162,26 @@ async fn drain(
 ) -> Result<StatusCode, ApiError> {
     state.store().run(Drain { worker, by: caller.named() }).await?;
     Ok(StatusCode::ACCEPTED)
+}
+
+/// Sets a worker aside and disowns all of its results: they are dropped and their jobs queued again in
+/// studies that still sample, and marked in all others. No study shares them any more.
+#[utoipa::path(post, path = "/v1/workers/{worker}/disown", tag = "workers", params(("worker" = WorkerId, Path)), responses(
+    (status = 204, description = "Its results are disowned"),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+async fn disown(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
+    state.store().run(Disown { worker, why: "disowned by an operator".into() }).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Gives jobs again to a worker that was set aside, and to those of its name and token. Results that
+/// were disowned stay disowned.
+#[utoipa::path(post, path = "/v1/workers/{worker}/readmit", tag = "workers", params(("worker" = WorkerId, Path)), responses(
+    (status = 204, description = "It may have jobs again"),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+async fn readmit(State(state): State<AppState>, Id(worker): Id<WorkerId>) -> Result<StatusCode, ApiError> {
+    state.store().run(Readmit { worker }).await?;
+    Ok(StatusCode::NO_CONTENT)
 }

@@ -11,11 +11,12 @@ use manduca_protocol::task::OptimiseResult;
 use manduca_protocol::view::{JobRole, StudyState};
 use sqlx::sqlite::SqliteConnection;
 
+use super::audits::is_disputed;
 use super::count::{open_jobs, read_counts};
 use super::decide::{Step, after_optimising, after_refining, after_sampling, after_training, after_verifying};
 use super::names::{Condition, Stage, named, role_name, unsigned, uuid};
 use super::search::{continue_searches, list_found};
-use super::submit::{insert_simulations, insert_stage};
+use super::submit::{insert_samples, insert_simulations, insert_stage};
 use super::unreadable::advance_or_fail;
 use super::{StoreError, Work, body};
 use crate::compose::verify_task;
@@ -113,9 +114,13 @@ async fn list_open(
     let studies = serde_json::to_string(studies).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     let open = sqlx::query_as(
         "select s.study, s.stage, c.role
-         from json_each(?) as d cross join studies as s on s.study = d.value
+         from json_each(?1) as d cross join studies as s on s.study = d.value
          cross join study_counts as c on c.study = s.study
-         where c.state in ('ready', 'delayed', 'leased') and c.n > 0",
+         where c.state in ('ready', 'delayed', 'leased') and c.n > 0
+         union all
+         select s.study, s.stage, 'audit'
+         from json_each(?1) as d cross join studies as s on s.study = d.value
+         where exists (select 1 from audits as a where a.study = s.study and a.verdict = 'disputed')",
     )
     .bind(studies)
     .fetch_all(db)
@@ -158,7 +163,8 @@ async fn is_open(db: &mut SqliteConnection, row: &StudyRow) -> Result<bool, Stor
             return Ok(true);
         }
     }
-    Ok(false)
+    // Nothing is learnt from samples about which two workers differ.
+    Ok(row.stage == Stage::Sampling && is_disputed(db, row.study).await?)
 }
 
 /// What follows a stage which has nothing left to do.
@@ -226,7 +232,7 @@ async fn draw_further(work: &mut Work<'_>, row: &StudyRow, n: u32) -> Result<(),
     let resolved = resolved(&spec)?;
     let end = row.next_sample.saturating_add(n);
     let drawn = draw(&spec, &resolved, row.next_sample..end);
-    let jobs = insert_simulations(work.db, row.study, JobRole::Sample, &drawn).await?;
+    let jobs = insert_samples(work, row.study, &drawn).await?;
     set_next_sample(work.db, row.study, end).await?;
     work.events.push(Event::Drawn { study: row.id, jobs });
     work.events.push(Event::Ready);

@@ -25,7 +25,7 @@ pub(crate) fn unpack(body: Vec<u8>) -> Result<Vec<u8>, StoreError> {
 }
 
 /// What a stored body says.
-pub(super) fn parse<T: DeserializeOwned>(body: Vec<u8>) -> Result<T, StoreError> {
+pub(crate) fn parse<T: DeserializeOwned>(body: Vec<u8>) -> Result<T, StoreError> {
     from_json(&unpack(body)?)
 }
 

@@ -4,6 +4,7 @@ use manduca_protocol::task::Checkpoint;
 use manduca_protocol::worker::Renewal;
 
 use super::{Store, StoreError, Work, body};
+use crate::validity;
 
 /// A renewal whose checkpoint is ready for the store: compressed before it queues.
 #[derive(Debug, Clone)]
@@ -15,9 +16,10 @@ pub(crate) struct PreparedRenewal {
 impl PreparedRenewal {
     /// Serialises and compresses the checkpoint of a renewal.
     ///
-    /// One which cannot be is left out: it is a help, and its lease must live.
+    /// One which cannot be, or is larger than any training's, is left out: it is a help, and its lease must live.
     pub(crate) fn new(mut renewal: Renewal) -> Self {
-        let checkpoint = renewal.checkpoint.take();
+        let checkpoint = renewal.checkpoint.take().filter(validity::checkpoint);
+        renewal.progress = renewal.progress.map(validity::progress);
         let packed = checkpoint.and_then(|at| body::pack(serde_json::to_vec(&at).ok()?).ok());
         Self { renewal, checkpoint: packed }
     }

@@ -14,11 +14,14 @@ use super::names::{named, role_name, unsigned};
 use super::shares::Offer;
 use super::stock::Stock;
 use super::unreadable::{fail_unreadable, of_study};
+use super::workers::patience_ms;
 use super::{StoreError, Work, body};
 use crate::http::cursor::hex;
 
 /// Most studies that one claim finds unreadable.
 const MOST_SPOILT: usize = 64;
+/// Studies whose audits are looked at in one claim.
+const MOST_AUDITED: i64 = 16;
 
 /// A job just leased, with what its task is composed from.
 #[derive(Debug, Clone)]
@@ -36,7 +39,7 @@ pub(crate) struct Leased {
 
 /// Leases ready jobs to these workers in turn, one each, as far as there are any. Running studies
 /// share them ([`Rota::share`]); of one study comes first what brings it nearer to its end, then its
-/// samples. Audits come last, each to another worker than its sample.
+/// samples. Audits come before all, each to a worker that is fit for it.
 pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
     if workers.is_empty() {
         return Ok(Vec::new());
@@ -66,28 +69,19 @@ pub(super) async fn claim(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<V
 /// When a study or one of its jobs cannot be read, or the store fails.
 async fn choose(work: &mut Work<'_>, workers: &[WorkerId]) -> Result<Vec<Option<Leased>>, StoreError> {
     let mut given: Vec<Option<Leased>> = workers.iter().map(|_| None).collect();
+    // As many as samples were finished, and found wrong the sooner.
+    audit(work, workers, &mut given).await?;
+    let open: Vec<usize> = (0..workers.len()).filter(|place| given[*place].is_none()).collect();
     let offers = list_offers(work.db).await?;
-    let order = work.rota.share(&offers, workers.len());
+    let order = work.rota.share(&offers, open.len());
     let mut stock = Stock::open(work, &offers, &order).await?;
-    for ((place, study), worker) in given.iter_mut().zip(order).zip(workers) {
-        let found = match stock.take(study, *worker) {
+    for (place, study) in open.into_iter().zip(order) {
+        let found = match stock.take(study, workers[place]) {
             Some((role, row)) => Some((study, role, row)),
-            None => stock.take_any(work, &offers, *worker).await?,
+            None => stock.take_any(work, &offers, workers[place]).await?,
         };
         if let Some((study, role, row)) = found {
-            *place = Some(of_study(study, leased(work, study, role, row).await)?);
-        }
-    }
-    let open: Vec<usize> = (0..workers.len()).filter(|place| given[*place].is_none()).collect();
-    if !open.is_empty()
-        && let Some(study) = find_audited(work.db).await?
-    {
-        let asking: Vec<WorkerId> = open.iter().map(|place| workers[*place]).collect();
-        let audits = of_study(study, list_audits(work.db, study, &asking).await)?;
-        for (place, row) in open.into_iter().zip(audits) {
-            if let Some(row) = row {
-                given[place] = Some(of_study(study, leased(work, study, JobRole::Audit, row).await)?);
-            }
+            given[place] = Some(of_study(study, leased(work, study, role, row).await)?);
         }
     }
     Ok(given)
@@ -113,18 +107,38 @@ pub(super) async fn leased(
     Ok(Leased { job: JobId(job), attempt, study, role, ordinal, parameters, spec })
 }
 
-/// An audit for each of these workers, none where it would audit itself.
+/// Gives audits of the oldest studies to those who may do them.
+async fn audit(work: &mut Work<'_>, workers: &[WorkerId], given: &mut [Option<Leased>]) -> Result<(), StoreError> {
+    for study in list_audited(work.db).await? {
+        let open: Vec<usize> = (0..workers.len()).filter(|place| given[*place].is_none()).collect();
+        if open.is_empty() {
+            break;
+        }
+        let asking: Vec<WorkerId> = open.iter().map(|place| workers[*place]).collect();
+        for (place, row) in open.into_iter().zip(of_study(study, list_audits(work, study, &asking).await)?) {
+            if let Some(row) = row {
+                given[place] = Some(of_study(study, leased(work, study, JobRole::Audit, row).await)?);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// An audit for each of these workers, none where there is nothing it may audit.
 async fn list_audits(
-    db: &mut SqliteConnection,
+    work: &mut Work<'_>,
     study: i64,
     workers: &[WorkerId],
 ) -> Result<Vec<Option<ReadyRow>>, StoreError> {
+    let others = Others::find(work).await?;
     let (mut taken, mut found) = (HashSet::new(), Vec::with_capacity(workers.len()));
     let mut offers: HashMap<WorkerId, Vec<ReadyRow>> = HashMap::new();
     for &worker in workers {
         let offered = match offers.entry(worker) {
             Entry::Occupied(entry) => entry.into_mut(),
-            Entry::Vacant(entry) => entry.insert(list_audits_for(db, study, worker, workers.len()).await?),
+            Entry::Vacant(entry) => {
+                entry.insert(list_audits_for(work.db, study, worker, &others, workers.len()).await?)
+            }
         };
         let audit = offered.iter().position(|row| !taken.contains(&row.0)).map(|i| offered.swap_remove(i));
         taken.extend(audit.as_ref().map(|row| row.0));
@@ -133,21 +147,60 @@ async fn list_audits(
     Ok(found)
 }
 
+/// Who else could audit.
+struct Others {
+    /// Tokens of the workers which may be given jobs: how many, and one of them.
+    tokens: i64,
+    token: Option<String>,
+    /// These workers: how many, and one of them.
+    workers: i64,
+    worker: Vec<u8>,
+}
+
+impl Others {
+    async fn find(work: &mut Work<'_>) -> Result<Self, StoreError> {
+        let tokens: Vec<(Option<String>, i64, Vec<u8>)> = sqlx::query_as(
+            "select token, count(*), min(id) from workers
+             where left_ms is null and last_seen_ms >= ?1 and not draining and set_aside_ms is null
+               and coalesce(quarantined_until_ms, 0) <= ?2
+             group by token",
+        )
+        .bind(work.now - patience_ms(work.config.lease_ms()))
+        .bind(work.now)
+        .fetch_all(&mut *work.db)
+        .await?;
+        let workers = tokens.iter().map(|(_, n, _)| n).sum();
+        let count = tokens.len() as i64;
+        let (token, worker) = tokens.into_iter().next().map(|(token, _, worker)| (token, worker)).unwrap_or_default();
+        Ok(Self { tokens: count, token, workers, worker })
+    }
+}
+
+/// Audits of results that came in under another token; of results of another worker where nobody
+/// has another token; of its own where nobody else is there, so that no study waits for ever.
 async fn list_audits_for(
     db: &mut SqliteConnection,
     study: i64,
     worker: WorkerId,
+    others: &Others,
     limit: usize,
 ) -> Result<Vec<ReadyRow>, StoreError> {
     let rows = sqlx::query_as(
         "select a.job, a.attempt + 1, a.ordinal, a.parameters
          from jobs as a join jobs as s on s.study = a.study and s.role = 'sample' and s.ordinal = a.ordinal
-         join results as r on r.job = s.job
-         where a.state = 'ready' and a.study = ? and a.role = 'audit' and r.worker <> ?
-         order by a.ordinal limit 0 + ?",
+         join results as r on r.job = coalesce(s.result_of, s.job) join workers as w on w.id = r.worker
+         where a.state = 'ready' and a.study = ?1 and a.role = 'audit'
+           and (w.token is not (select token from workers where id = ?2)
+                or iif(?3 = 1, w.token is ?4, ?3 = 0)
+                   and (r.worker <> ?2 or iif(?5 = 1, r.worker = ?6, ?5 = 0)))
+         order by a.ordinal limit 0 + ?7",
     )
     .bind(study)
     .bind(worker.0.as_bytes().as_slice())
+    .bind(others.tokens)
+    .bind(&others.token)
+    .bind(others.workers)
+    .bind(&others.worker)
     .bind(limit as i64)
     .fetch_all(db)
     .await?;
@@ -178,14 +231,15 @@ async fn list_offers(db: &mut SqliteConnection) -> Result<Vec<Offer>, StoreError
     rows.into_iter().map(offer).collect()
 }
 
-/// The oldest study which has audits ready.
-async fn find_audited(db: &mut SqliteConnection) -> Result<Option<i64>, StoreError> {
+/// The oldest studies which have audits ready.
+async fn list_audited(db: &mut SqliteConnection) -> Result<Vec<i64>, StoreError> {
     let found = sqlx::query_scalar(
         "select c.study from study_counts as c join studies as s on s.study = c.study
          where c.role = 'audit' and c.state = 'ready' and c.n > 0 and s.condition in ('running', 'succeeded')
-         order by c.study limit 1",
+         order by c.study limit 0 + ?",
     )
-    .fetch_optional(db)
+    .bind(MOST_AUDITED)
+    .fetch_all(db)
     .await?;
     Ok(found)
 }

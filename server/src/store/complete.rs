@@ -7,9 +7,10 @@ use manduca_protocol::task::{JobKind, Provenance};
 use manduca_protocol::view::{JobRole, JobState};
 use sqlx::sqlite::SqliteConnection;
 
-use super::StoreError;
 use super::evidence::Class;
 use super::names::{kind_of, named, unsigned, uuid};
+use super::{StoreError, Work};
+use crate::validity::Flown;
 
 /// A result as it goes into the store, checked and serialised before it queues.
 #[derive(Debug, Clone)]
@@ -18,6 +19,8 @@ pub(crate) struct Prepared {
     pub(crate) attempt: u32,
     pub(crate) kind: JobKind,
     pub(crate) outcome: Outcome,
+    /// The means of a flight, for its study to check.
+    pub(crate) flown: Option<Flown>,
     /// blake3 of the JSON.
     pub(crate) digest: [u8; 32],
     /// JSON, compressed where large.
@@ -43,6 +46,7 @@ pub(super) struct JobRow {
     pub(super) study: i64,
     pub(super) study_id: StudyId,
     pub(super) role: JobRole,
+    pub(super) ordinal: u32,
     pub(super) state: JobState,
     pub(super) attempt: u32,
     pub(super) failures: u32,
@@ -64,6 +68,7 @@ struct RawJob {
     study: i64,
     id: Vec<u8>,
     role: String,
+    ordinal: i64,
     state: String,
     attempt: i64,
     failures: i64,
@@ -81,7 +86,7 @@ pub(super) async fn find_job(db: &mut SqliteConnection, job: JobId) -> Result<Op
 pub(super) async fn find_jobs(db: &mut SqliteConnection, jobs: &[JobId]) -> Result<HashMap<JobId, JobRow>, StoreError> {
     let jobs = serde_json::to_string(jobs).map_err(|e| StoreError::Corrupt(e.to_string()))?;
     let rows: Vec<RawJob> = sqlx::query_as(
-        "select j.job, j.study, s.id, j.role, j.state, j.attempt, j.failures, j.losses, j.worker, j.key
+        "select j.job, j.study, s.id, j.role, j.ordinal, j.state, j.attempt, j.failures, j.losses, j.worker, j.key
          from json_each(?) as d cross join jobs as j on j.job = d.value cross join studies as s on s.study = j.study",
     )
     .bind(jobs)
@@ -105,6 +110,7 @@ fn row(raw: RawJob) -> Result<JobRow, StoreError> {
         study: raw.study,
         study_id: StudyId(uuid(&raw.id)?),
         role: named(&raw.role)?,
+        ordinal: unsigned(raw.ordinal)?,
         state: named(&raw.state)?,
         attempt: unsigned(raw.attempt)?,
         failures: unsigned(raw.failures)?,
@@ -146,12 +152,31 @@ pub(super) enum Judged {
 /// The result a finished job has: its digest and the instruction level it is from.
 pub(super) type Stored = (Vec<u8>, String);
 
+/// Why the study of a job does not bear a result out, if it does not.
+pub(super) async fn doubt(work: &mut Work<'_>, job: &JobRow, result: &Prepared) -> Result<Option<String>, StoreError> {
+    let Some(flown) = result.flown.as_ref().filter(|_| result.kind == kind_of(job.role)) else { return Ok(None) };
+    let known = match work.specs.known(work.db, job.study).await {
+        Ok(known) => known,
+        // Such a study fails by itself.
+        Err(StoreError::Corrupt(_)) => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    Ok(known.limits.as_ref().and_then(|limits| limits.check(flown, job.role, job.ordinal).err()))
+}
+
 /// Judges a result without a [`verdict`] by its job, and by what a finished job has.
-pub(super) fn judge(job: Option<&JobRow>, stored: Option<&Stored>, worker: WorkerId, result: &Prepared) -> Judged {
+pub(super) fn judge(
+    job: Option<&JobRow>,
+    stored: Option<&Stored>,
+    worker: WorkerId,
+    result: &Prepared,
+    doubt: Option<String>,
+) -> Judged {
     let Some(job) = job else { return Judged::Refused(Class::Refused, NO_JOB.into()) };
     if awaits(job, worker, result) {
         return Judged::Unusable(match &result.outcome {
             Outcome::Unusable(why) => why.clone(),
+            _ if doubt.is_some() => doubt.unwrap_or_default(),
             _ => format!("the worker returned the result of another kind of job, {:?}", result.kind),
         });
     }

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::advance::{StudyRow, end_stage, find_study, set_stage};
 use super::blame;
-use super::count::read_counts;
+use super::count::{open_jobs, read_counts};
 use super::names::{Condition, Stage, role_name};
 use super::unreadable::{advance_or_fail, cancel_unreadable};
 use super::{Operation, StoreError, Work};
@@ -183,6 +183,11 @@ async fn retry_failed(work: &mut Work<'_>, row: &StudyRow) -> Result<(), StoreEr
     let mut first = None;
     for &stage in retried(row.stage) {
         for &role in stage.roles() {
+            // What was computed by a worker whose results are disowned waits to be computed again.
+            if row.condition == Condition::Failed && open_jobs(&read_counts(&mut *work.db, row.study, role).await?) > 0
+            {
+                first = first.or(Some(stage));
+            }
             // A stroke given up has been answered: the search went on without it.
             if !matches!(role, JobRole::Probe | JobRole::Individual) && revive_dead(work.db, row.study, role).await? > 0
             {

@@ -4,20 +4,20 @@
 //! thread costs more than most statements do.
 
 mod again;
-mod audit;
 mod claims;
 mod renewals;
-mod results;
+pub(super) mod results;
 
 use std::collections::{BTreeSet, HashMap};
 
 use manduca_protocol::ids::{JobId, WorkerId};
+use manduca_protocol::task::JobKind;
 use manduca_protocol::worker::{Failure, Rejected};
 
 use super::advance::advance_ended;
 use super::checkpoint::PreparedRenewal;
 use super::claim::Leased;
-use super::complete::{NO_JOB, NOT_PRESENT, Prepared, find_jobs};
+use super::complete::{NO_JOB, NOT_PRESENT, Outcome, Prepared, find_jobs};
 use super::evidence::{Evidence, settle};
 use super::fail::{Reported, fail};
 use super::workers::{Standing, Tallies, add_to_tallies, list_able, touch, why_unknown};
@@ -43,6 +43,12 @@ impl Exchange {
         Self { worker, caller, complete: Vec::new(), fail: Vec::new(), renew: Vec::new(), have: None, want }
     }
 
+    /// Jobs whose results are checked before they are believed.
+    pub(crate) fn large(&self) -> impl Iterator<Item = JobId> {
+        let checked = |result: &&Prepared| result.kind != JobKind::Simulate && result.outcome == Outcome::Succeeded;
+        self.complete.iter().filter(checked).map(|result| result.job)
+    }
+
     /// How many jobs it touches: commits are bounded by it.
     pub(super) fn weight(&self) -> usize {
         1 + self.complete.len() + self.fail.len() + self.renew.len() + self.want as usize
@@ -54,6 +60,8 @@ impl Exchange {
 pub(crate) struct Exchanged {
     pub(crate) accepted: Vec<JobId>,
     pub(crate) rejected: Vec<Rejected>,
+    /// Those of the accepted results that are checked from now on.
+    pub(crate) unchecked: Vec<JobId>,
     pub(crate) leased: Vec<Leased>,
     pub(crate) cancel: Vec<JobId>,
     pub(crate) drain: bool,

@@ -9,9 +9,7 @@ use super::complete::{JobRow, NO_JOB, NOT_PRESENT, find_job};
 use super::workers::Tallies;
 use super::{StoreError, Work};
 use crate::event::Event;
-
-/// Longest reason kept, characters.
-const LONGEST_REASON: usize = 2000;
+use crate::validity::{LONGEST_TEXT, cut};
 
 /// What became of a reported failure.
 pub(super) enum Reported {
@@ -38,7 +36,7 @@ pub(super) async fn fail(
     }
     match job.state {
         JobState::Leased => {
-            let reason: String = failure.reason.chars().take(LONGEST_REASON).collect();
+            let reason = cut(&failure.reason, LONGEST_TEXT);
             let failed = Failed { worker, fault: failure.fault.unwrap_or(Fault::Machine), reason: &reason };
             fail_attempt(work, &job, Cause::Failed(failed), tallies).await?;
             Ok(Reported::Counted(job.study))

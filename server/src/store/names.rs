@@ -57,7 +57,7 @@ impl Stage {
     /// All that jobs of the stage are for.
     pub(crate) fn roles(self) -> &'static [JobRole] {
         match self {
-            Self::Sampling => &[JobRole::Sample],
+            Self::Sampling => &[JobRole::Sample, JobRole::Audit],
             Self::Training => &[JobRole::Train],
             Self::Optimising => &[JobRole::Optimise, JobRole::Individual, JobRole::Generation],
             Self::Verifying => &[JobRole::Verify],

@@ -108,14 +108,14 @@ impl Store {
     }
 
     /// Ready jobs which are leased before this one, about: all before it in its own study, and as many of
-    /// each other running study, for they share. Audits come last.
+    /// each other running study, for they share.
     pub(crate) async fn jobs_ahead(&self, job: JobId) -> Result<u64, StoreError> {
-        let (study, audit, own): (i64, bool, i64) = sqlx::query_as(
-            "select j.study, j.role = 'audit',
+        let (study, own): (i64, i64) = sqlx::query_as(
+            "select j.study,
                     coalesce((select sum(c.n) from study_counts as c
                               where c.study = j.study and c.state = 'ready'
-                                and (c.role = 'audit', c.role = 'sample', c.role)
-                                    < (j.role = 'audit', j.role = 'sample', j.role)), 0)
+                                and (c.role <> 'audit', c.role = 'sample', c.role)
+                                    < (j.role <> 'audit', j.role = 'sample', j.role)), 0)
                   + (select count(*) from jobs as o
                      where o.state = 'ready' and o.study = j.study and o.role = j.role and o.ordinal < j.ordinal)
              from jobs as j where j.job = ?",
@@ -124,13 +124,12 @@ impl Store {
         .fetch_one(self.readers())
         .await?;
         let others: i64 = sqlx::query_scalar(
-            "select coalesce(sum(iif(?2 or ready <= ?3, ready, ?3 + 1)), 0) from (
+            "select coalesce(sum(min(ready, ?2 + 1)), 0) from (
                  select sum(c.n) as ready from studies as s cross join study_counts as c on c.study = s.study
-                 where s.condition = 'running' and c.state = 'ready' and c.role <> 'audit' and s.study <> ?1
+                 where s.condition = 'running' and c.state = 'ready' and s.study <> ?1
                  group by s.study)",
         )
         .bind(study)
-        .bind(audit)
         .bind(own)
         .fetch_one(self.readers())
         .await?;

@@ -47,7 +47,8 @@ impl Store {
         let patience_ms = lease_ms + (MAX_WAIT_S * 1000.0) as i64;
         let (alive, quarantined, draining, slots): (i64, i64, i64, i64) = sqlx::query_as(
             "select count(*), coalesce(sum(coalesce(quarantined_until_ms, 0) > ?1), 0), coalesce(sum(draining), 0),
-                    coalesce(sum(iif(draining or coalesce(quarantined_until_ms, 0) > ?1, 0, slots)), 0)
+                    coalesce(sum(iif(draining or set_aside_ms is not null or coalesce(quarantined_until_ms, 0) > ?1, 0,
+                                     slots)), 0)
              from workers where left_ms is null and last_seen_ms >= ?2",
         )
         .bind(now)

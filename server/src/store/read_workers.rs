@@ -26,6 +26,7 @@ struct RawWorker {
     draining: bool,
     token: Option<String>,
     drained_by: Option<String>,
+    set_aside: Option<String>,
     leased: i64,
 }
 
@@ -63,6 +64,7 @@ impl Store {
         let rows: Vec<RawWorker> = sqlx::query_as(
             "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
                     w.strikes, w.quarantined_until_ms, w.draining, w.token, w.drained_by,
+                    iif(w.set_aside_ms is null, null, w.set_aside_reason) as set_aside,
                     (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
              from workers as w where w.left_ms is null and w.last_seen_ms >= ?1 and w.id > ?2
                and (?3 is null or w.name = ?3 or w.id = ?4)
@@ -84,6 +86,7 @@ impl Store {
         let rows: Vec<RawWorker> = sqlx::query_as(
             "select w.id, w.name, w.slots, w.level, w.completed, w.failed, w.last_seen_ms,
                     w.strikes, w.quarantined_until_ms, w.draining, w.token, w.drained_by,
+                    iif(w.set_aside_ms is null, null, w.set_aside_reason) as set_aside,
                     (select count(*) from jobs as j where j.state = 'leased' and j.worker = w.id) as leased
              from workers as w where w.left_ms is null and w.last_seen_ms >= ? order by w.name, w.id limit ?",
         )
@@ -114,5 +117,6 @@ fn view(row: RawWorker, now: i64, lease_ms: i64) -> Result<WorkerView, StoreErro
         draining: row.draining,
         token: row.token,
         drained_by: row.drained_by,
+        set_aside: row.set_aside,
     })
 }

@@ -52,6 +52,14 @@ async fn dismiss_other_numbers(work: &mut Work<'_>) -> Result<(), StoreError> {
     .bind(SOLVER_VERSION)
     .execute(&mut *work.db)
     .await?;
+    sqlx::query(
+        "update audits set verdict = 'undecided'
+         where verdict = 'disputed' and study in (select study from studies where coalesce(solver_version, ?1) <> ?2)",
+    )
+    .bind(BEFORE_KEPT)
+    .bind(SOLVER_VERSION)
+    .execute(&mut *work.db)
+    .await?;
     sqlx::query("update workers set left_ms = ?1 where left_ms is null and coalesce(solver_version, ?2) <> ?3")
         .bind(work.now)
         .bind(BEFORE_KEPT)
@@ -63,9 +71,15 @@ async fn dismiss_other_numbers(work: &mut Work<'_>) -> Result<(), StoreError> {
 
 /// Workers could not renew while nobody was here: every lease gets a full term.
 async fn renew_all(work: &mut Work<'_>) -> Result<u64, StoreError> {
-    let renewed = sqlx::query("update jobs set lease_until_ms = ?1, leased_ms = ?2 where state = 'leased'")
+    // Those whose result waits to be checked are nobody's to renew.
+    let renewed = sqlx::query(
+        "update jobs set leased_ms = ?2,
+                         lease_until_ms = iif(exists (select 1 from unchecked_results as u where u.job = jobs.job), ?3, ?1)
+         where state = 'leased'",
+    )
         .bind(work.now + work.config.lease_ms())
         .bind(work.now)
+        .bind(work.now + millis(work.config.check_limit))
         .execute(&mut *work.db)
         .await?;
     Ok(renewed.rows_affected())

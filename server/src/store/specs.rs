@@ -1,4 +1,5 @@
-//! Specifications the writer has at hand: every lease needs its study's.
+//! What the writer has at hand of studies: every lease needs the specification of its study, every result
+//! its limits.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -7,24 +8,29 @@ use manduca_protocol::ids::StudyId;
 use manduca_protocol::study::StudySpec;
 use sqlx::sqlite::SqliteConnection;
 
+use super::limits::Limits;
 use super::names::uuid;
 use super::{StoreError, body};
 
 /// Most studies kept.
 const MOST: usize = 64;
 
-/// The public id of a study, as it is stored, and its specification.
-async fn read(db: &mut SqliteConnection, study: i64) -> Result<(Vec<u8>, StudySpec), StoreError> {
-    let (id, spec): (Vec<u8>, String) =
-        sqlx::query_as("select id, spec from study_specs where study = ?").bind(study).fetch_one(db).await?;
-    Ok((id, body::from_json(spec.as_bytes())?))
+/// A study as the writer knows it.
+#[derive(Debug)]
+pub(crate) struct Known {
+    pub(crate) id: StudyId,
+    pub(crate) spec: Arc<StudySpec>,
+    /// What decides which samples are audited.
+    pub(super) secret: [u8; 32],
+    /// What results must agree with; none of a study whose model this version does not know.
+    pub(super) limits: Option<Limits>,
 }
 
-/// Specifications by the short number of their study. Whoever changes one
-/// forgets it here; so does the writer when anything is rolled back.
+/// Studies by their short number. Whoever changes a specification forgets it here; so does the writer
+/// when anything is rolled back.
 #[derive(Debug, Default)]
 pub(crate) struct Specs {
-    studies: HashMap<i64, (StudyId, Arc<StudySpec>)>,
+    studies: HashMap<i64, Arc<Known>>,
 }
 
 impl Specs {
@@ -34,19 +40,34 @@ impl Specs {
         db: &mut SqliteConnection,
         study: i64,
     ) -> Result<(StudyId, Arc<StudySpec>), StoreError> {
+        let known = self.known(db, study).await?;
+        Ok((known.id, known.spec.clone()))
+    }
+
+    /// All that is kept of a study.
+    pub(super) async fn known(&mut self, db: &mut SqliteConnection, study: i64) -> Result<Arc<Known>, StoreError> {
         if let Some(known) = self.studies.get(&study) {
             return Ok(known.clone());
         }
-        let (id, spec) = read(db, study).await.map_err(|error| match error {
+        let (id, spec, secret): (Vec<u8>, String, Vec<u8>) = sqlx::query_as(
+            "select a.id, a.spec, s.secret from study_specs as a join studies as s on s.study = a.study
+             where a.study = ?",
+        )
+        .bind(study)
+        .fetch_one(db)
+        .await?;
+        let spec: StudySpec = body::from_json(spec.as_bytes()).map_err(|error| match error {
             StoreError::Corrupt(why) => StoreError::Corrupt(format!("its specification cannot be read: {why}")),
             error => error,
         })?;
-        let found = (StudyId(uuid(&id)?), Arc::new(spec));
+        let secret = secret.try_into().map_err(|_| StoreError::Corrupt("the secret of a study is cut".into()))?;
+        let limits = Limits::of(&spec);
+        let known = Arc::new(Known { id: StudyId(uuid(&id)?), spec: Arc::new(spec), secret, limits });
         if self.studies.len() >= MOST {
             self.studies.clear();
         }
-        self.studies.insert(study, found.clone());
-        Ok(found)
+        self.studies.insert(study, known.clone());
+        Ok(known)
     }
 
     /// Forgets everything.

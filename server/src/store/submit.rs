@@ -6,6 +6,7 @@ use manduca_protocol::view::JobRole;
 use sqlx::sqlite::SqliteConnection;
 
 use super::advance::{advance, begin, find_study};
+use super::audits::choose;
 use super::count::read_counts;
 use super::names::{Stage, role_name, uuid};
 use super::{Operation, StoreError, Work};
@@ -28,6 +29,10 @@ pub(crate) struct Submit {
     /// Name of the token that submits it.
     pub(crate) by: Option<String>,
     pub(crate) drawn: Vec<Drawn>,
+    /// Whether it takes no results of other studies.
+    pub(crate) fresh: bool,
+    /// What decides which of its samples are audited.
+    pub(crate) secret: [u8; 32],
 }
 
 /// The study which now is, or already was.
@@ -47,7 +52,7 @@ impl Operation for Submit {
             return Ok(Submitted { id, created: false });
         }
         let study = insert_study(work, &self).await?;
-        insert_simulations(work.db, study, JobRole::Sample, &self.drawn).await?;
+        insert_samples(work, study, &self.drawn).await?;
         let counts = read_counts(&mut *work.db, study, JobRole::Sample).await?;
         let cached = counts.succeeded + counts.infeasible;
         work.events.push(Event::Submitted { study: self.id, samples: self.samples, cached, by: self.by.clone() });
@@ -84,8 +89,8 @@ pub(super) async fn find_by_idempotency_key(
 async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreError> {
     let inserted = sqlx::query(
         "insert into studies (id, name, spec, stage, condition, samples, next_sample, optimisations,
-                              created_ms, idempotency_key, spec_digest, solver_version, submitted_by)
-         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+                              created_ms, idempotency_key, spec_digest, solver_version, submitted_by, fresh, secret)
+         values (?1, ?2, ?3, 'sampling', 'running', ?4, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
     )
     .bind(study.id.0.as_bytes().as_slice())
     .bind(&study.name)
@@ -97,6 +102,8 @@ async fn insert_study(work: &mut Work<'_>, study: &Submit) -> Result<i64, StoreE
     .bind(study.digest.as_slice())
     .bind(SOLVER_VERSION)
     .bind(&study.by)
+    .bind(study.fresh)
+    .bind(study.secret.as_slice())
     .execute(&mut *work.db)
     .await?;
     Ok(inserted.last_insert_rowid())
@@ -117,8 +124,17 @@ pub(super) async fn insert_stage(work: &mut Work<'_>, study: i64, stage: Stage) 
     Ok(())
 }
 
+/// Queues samples; of those that share a result, some are audited.
+pub(super) async fn insert_samples(work: &mut Work<'_>, study: i64, drawn: &[Drawn]) -> Result<u64, StoreError> {
+    let inserted = insert_simulations(work.db, study, JobRole::Sample, drawn).await?;
+    choose(work, study, drawn.iter().map(|d| (d.ordinal, d.key.as_slice()))).await?;
+    Ok(inserted)
+}
+
 /// Queues simulations. One whose equal has a result already is inserted as
-/// finished and shares that result. Those queued before stay as they are.
+/// finished and shares that result, unless that came from a worker whose results were
+/// disowned, or from another study and this one takes none. Those queued before stay as
+/// they are.
 pub(super) async fn insert_simulations(
     db: &mut SqliteConnection,
     study: i64,
@@ -150,7 +166,9 @@ async fn insert_chunk(db: &mut SqliteConnection, study: i64, role: JobRole, rows
          left join jobs as done on done.job = (
              select min(equal.job) from jobs as equal
              where equal.key = unhex(d.value ->> 2) and equal.state in ('succeeded', 'infeasible')
-               and equal.result_of is null)
+               and equal.result_of is null
+               and (equal.study = ?1 or (select not s.fresh from studies as s where s.study = ?1))
+               and not exists (select 1 from disowned as o where o.job = equal.job))
          where true
          on conflict (study, role, ordinal) do nothing",
     )

@@ -116,6 +116,10 @@ pub(crate) async fn find_ended_before(
 pub(crate) async fn delete_study(db: &mut SqliteConnection, study: i64) -> Result<u64, sqlx::Error> {
     hand_results_on(db, study).await?;
     for table in [
+        "delete from audits where study = ?",
+        "delete from disowned where study = ?",
+        "delete from replaced where study = ?",
+        "delete from unchecked_results where job in (select job from jobs where study = ?)",
         "delete from checkpoints where job in (select job from jobs where study = ?)",
         "delete from results where job in (select job from jobs where study = ?)",
     ] {

@@ -40,10 +40,25 @@ impl Operation for Register {
         .bind(&self.token)
         .execute(&mut *work.db)
         .await?;
+        inherit(work, self.worker).await?;
         let (name, slots, level) = (self.name, self.slots, self.level);
         work.events.push(Event::Registered { worker: self.worker, name, slots, level, by: self.token });
         Ok(())
     }
+}
+
+/// One that was set aside stays so when it comes again under its name and token: another process is the same machine.
+async fn inherit(work: &mut Work<'_>, worker: WorkerId) -> Result<(), StoreError> {
+    sqlx::query(
+        "update workers set set_aside_ms = ?2, set_aside_reason = o.set_aside_reason
+         from workers as o
+         where workers.id = ?1 and o.name = workers.name and o.token is workers.token and o.set_aside_ms is not null",
+    )
+    .bind(worker.0.as_bytes().as_slice())
+    .bind(work.now)
+    .execute(&mut *work.db)
+    .await?;
+    Ok(())
 }
 
 /// A worker says goodbye. Saying it twice is as good as once.
@@ -95,15 +110,22 @@ async fn mark_left(work: &mut Work<'_>, worker: WorkerId) -> Result<(), StoreErr
 
 /// The jobs are ready at once. No failure is counted; the attempt stays, so that
 /// a late result of this worker is still told from the next one's.
-async fn give_back_leases(work: &mut Work<'_>, worker: WorkerId) -> Result<u64, StoreError> {
+pub(super) async fn give_back_leases(work: &mut Work<'_>, worker: WorkerId) -> Result<u64, StoreError> {
     let returned = sqlx::query(
         "update jobs set state = 'ready', worker = null, lease_until_ms = null, progress = null
-         where worker = ? and state = 'leased'",
+         where worker = ? and state = 'leased'
+           and not exists (select 1 from unchecked_results as u where u.job = jobs.job)",
     )
     .bind(worker.0.as_bytes().as_slice())
     .execute(&mut *work.db)
     .await?;
     Ok(returned.rows_affected())
+}
+
+/// How long a worker may say nothing and still count as alive, ms. An idle one waits in one request and says nothing
+/// meanwhile.
+pub(super) fn patience_ms(lease_ms: i64) -> i64 {
+    lease_ms + (MAX_WAIT_S * 1000.0) as i64
 }
 
 /// Failures which nobody has confirmed or contradicted count for this long, ms. Workers which wait
@@ -116,6 +138,7 @@ pub(super) struct Standing {
     /// The token that alone speaks for it.
     pub(super) token: Option<String>,
     quarantined: bool,
+    set_aside: bool,
     pub(super) draining: bool,
     slots: u32,
     leased: u32,
@@ -127,7 +150,7 @@ pub(super) struct Standing {
 impl Standing {
     /// Whether it is given jobs.
     pub(super) fn may_work(&self) -> bool {
-        !self.quarantined && !self.draining
+        !self.quarantined && !self.set_aside && !self.draining
     }
 
     /// Jobs it may be given now, after what has just ended. Its failures in doubt count where another
@@ -160,6 +183,7 @@ struct RawStanding {
     completed: i64,
     leased: i64,
     doubts: i64,
+    set_aside: bool,
 }
 
 /// Notes that workers were heard of, each from this caller. Returns those which are registered, have
@@ -175,7 +199,7 @@ pub(super) async fn touch(
          from json_each(?2) as d
          where workers.id = unhex(d.value ->> 0) and left_ms is null
            and (token is null or d.value ->> 1 is null or token = d.value ->> 1)
-         returning id, quarantined_until_ms, draining, token, slots, completed,
+         returning id, quarantined_until_ms, draining, token, slots, completed, set_aside_ms is not null as set_aside,
            (select count(*) from jobs as j where j.state = 'leased' and j.worker = workers.id) as leased,
            (select count(*) from failures as f
             where (f.open = 1 or completed = 0) and f.worker = workers.id and f.failed_ms > ?3) as doubts",
@@ -192,6 +216,7 @@ fn standing(raw: RawStanding, now: i64) -> Result<(WorkerId, Standing), StoreErr
     let standing = Standing {
         token: raw.token,
         quarantined: raw.quarantined_until_ms.is_some_and(|until| until > now),
+        set_aside: raw.set_aside,
         draining: raw.draining,
         slots: unsigned(raw.slots)?,
         leased: unsigned(raw.leased)?,

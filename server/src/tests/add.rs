@@ -63,7 +63,7 @@ async fn an_optimisation_added_runs_on_the_network_there_is() {
 fn with_prices() -> Value {
     let mut result = optimised();
     let point = result["parameters"].clone();
-    let local = json!({ "parameters": point, "predicted": result["predicted"], "clearance_mm": 2.0, "hits": 8 });
+    let local = json!({ "parameters": point, "predicted": result["predicted"], "clearance_mm": result["clearance_mm"], "hits": 8 });
     result["history"] = json!([]);
     result["optimality"] = json!({
         "multipliers": { "lift": 0.6, "drag": 0.1, "pitch_moment": 0.0, "clearance_per_mm": 0.0, "bounds": point },

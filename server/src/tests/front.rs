@@ -32,7 +32,8 @@ async fn with_network(bench: &Bench, network: Value) -> String {
     bench.exchange(&worker, json!({ "complete": results })).await;
     let training = bench.claim(&worker, 100).await;
     assert_eq!(training.len(), 1);
-    bench.complete(&worker, &training[0], network).await;
+    bench.complete(&worker, &training[0], trained()).await;
+    bench.plant(&training[0], &network).await;
     study
 }
 
@@ -64,7 +65,10 @@ async fn a_front_has_the_least_power_under_each_limit() {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_has_no_front_is_refused_or_empty() {
     let bench = Bench::open().await;
-    let study = with_network(&bench, trained()).await;
+    let mut alike = trained();
+    let network = &mut alike["surrogate"]["networks"][0];
+    (network["output_weights"], network["output_biases"]) = (json!(vec![0.2; 8]), json!(vec![0.2; 4]));
+    let study = with_network(&bench, alike).await;
     let of = async |query: &str| bench.get(&format!("{study}/surrogate/front?{query}")).await;
     assert_eq!(of("quantity=lift").await.problem(400, "invalid-query"), ["/quantity"]);
     assert_eq!(of("quantity=sweep_shape&points=1").await.problem(400, "invalid-query"), ["/points"]);

@@ -160,7 +160,7 @@ async fn the_document_lists_the_routes() {
     let bench = Bench::open().await;
     let document = bench.get("/openapi.json").await.json();
     let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 34, "{:?}", paths.keys());
+    assert_eq!(paths.len(), 36, "{:?}", paths.keys());
     for (path, item) in paths {
         for (method, operation) in item.as_object().expect("methods") {
             assert!(operation["responses"].as_object().is_some_and(|r| !r.is_empty()), "{method} {path}");

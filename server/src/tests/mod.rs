@@ -16,6 +16,7 @@ mod front;
 mod fuzz;
 mod http;
 mod identity;
+mod liars;
 mod long_poll;
 mod look;
 mod overview;

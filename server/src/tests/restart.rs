@@ -94,13 +94,16 @@ async fn what_was_flown_with_other_numbers_is_not_audited() {
     let mut spec = study(20, &[]);
     spec["audit"] = json!(1.0);
     let study = bench.submit(&spec).await;
-    bench.work_off(&bench.worker("first").await).await;
+    let first = bench.worker("first").await;
+    // While there is another worker, no worker audits itself.
+    bench.worker("second").await;
+    bench.work_off(&first).await;
     assert_eq!(bench.view(&study).await["audits"]["ready"], 20);
     made_earlier(&bench, Some("3")).await;
     let bench = bench.restart(Duration::from_secs(1)).await;
     let view = bench.view(&study).await;
-    assert_eq!((&view["state"], &view["solver_version"]), (&json!("succeeded"), &json!("3")));
+    assert_eq!((&view["state"], &view["solver_version"]), (&json!("failed"), &json!("3")));
     assert_eq!(view["audits"]["ready"], 0, "{view}");
-    assert!(bench.claim(&bench.worker("second").await, 5).await.is_empty());
+    assert!(bench.claim(&bench.worker("third").await, 5).await.is_empty());
     bench.check_counts().await;
 }

@@ -1,5 +1,7 @@
 //! The same simulation is not flown twice.
 
+use serde_json::json;
+
 use super::answers::{result, study};
 use super::bench::Bench;
 
@@ -35,5 +37,35 @@ async fn equal_simulations_that_wait_share_a_result_when_it_comes() {
     // The rest, each flown once, then two trainings.
     assert_eq!(bench.work_off_by(&worker, 1).await, 19 + 2);
     assert_eq!(bench.view(&second).await["state"], "succeeded");
+    bench.check_counts().await;
+}
+
+#[tokio::test]
+async fn a_fresh_study_takes_no_results_of_others() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("w").await;
+    bench.submit(&study(20, &[])).await;
+    bench.work_off(&worker).await;
+    let mut spec = study(20, &[]);
+    spec["fresh"] = json!(true);
+    let fresh = bench.submit(&spec).await;
+    assert_eq!(bench.view(&fresh).await["samples"]["ready"], 20);
+    // Neither what is there already, nor what comes in meanwhile for a study of other samples.
+    let more = bench.submit(&study(30, &[])).await;
+    assert_eq!(bench.view(&more).await["samples"]["ready"], 10);
+    let leases = bench.claim(&worker, 100).await;
+    assert_eq!(leases.len(), 30);
+    let (own, others): (Vec<_>, Vec<_>) = leases.iter().partition(|lease| fresh.ends_with(&lease.study.to_string()));
+    assert_eq!((own.len(), others.len()), (20, 10));
+    for lease in others {
+        bench.complete(&worker, lease, result(lease)).await;
+    }
+    let view = bench.view(&fresh).await;
+    assert_eq!((&view["samples"]["leased"], &view["spec"]["fresh"]), (&json!(20), &json!(true)));
+    for lease in own {
+        bench.complete(&worker, lease, result(lease)).await;
+    }
+    bench.work_off(&worker).await;
+    assert_eq!(bench.view(&fresh).await["state"], "succeeded");
     bench.check_counts().await;
 }

@@ -106,6 +106,9 @@ class StudyView(TypedDict):
     stages_s: dict[str, float | None]
     surrogate: dict[str, Any] | None
     optimisations: list[dict[str, Any]]
+    audit_verdicts: NotRequired[dict[str, int]]
+    distrusted: NotRequired[list[dict[str, Any]]]
+    disowned_results: NotRequired[int]
 
 
 class JobView(TypedDict):
@@ -138,6 +141,7 @@ class WorkerView(TypedDict):
     strikes: int
     quarantined: bool
     draining: bool
+    set_aside: NotRequired[str]
 
 
 class DryRun(TypedDict):

@@ -16,6 +16,7 @@ pub(super) async fn give(work: &mut Work<'_>, parties: &mut [Party<'_>]) -> Resu
         let missed: Vec<(i64, i64, i64, Option<String>, i64, String)> = sqlx::query_as(
             "select job, attempt, ordinal, parameters, study, role from jobs
              where state = 'leased' and worker = ? and job not in (select value from json_each(?))
+               and not exists (select 1 from unchecked_results as u where u.job = jobs.job)
              order by job limit 0 + ?",
         )
         .bind(worker)

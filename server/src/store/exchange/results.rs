@@ -3,39 +3,67 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use manduca_protocol::ids::{JobId, StudyId, WorkerId};
+use manduca_protocol::task::JobKind;
 use manduca_protocol::view::{JobRole, JobState};
 use manduca_protocol::worker::{Fault, Rejected};
+use sqlx::QueryBuilder;
 use sqlx::sqlite::{Sqlite, SqliteConnection};
-use sqlx::{QueryBuilder, Row};
 
-use super::{Effects, Party, audit};
+use super::{Effects, Exchanged, Party};
 use crate::event::Event;
+use crate::store::audits;
 use crate::store::blame::{Failed, contradict};
-use crate::store::complete::{JobRow, Judged, Prepared, Stored, find_jobs, find_stored, judge, verdict};
+use crate::store::complete::{JobRow, Judged, Prepared, Stored, doubt, find_jobs, find_stored, judge, verdict};
 use crate::store::evidence::{Class, refuse};
 use crate::store::fail::{Cause, fail_attempt};
 use crate::store::names::{state_name, uuid};
+use crate::store::unchecked::{Kept, keep};
 use crate::store::{StoreError, Work};
 
 /// Rows of one insertion: few different statements, so that all stay prepared.
 const CHUNKS: [usize; 4] = [64, 16, 4, 1];
 
 /// A result to be stored.
-pub(super) struct Finish<'r> {
-    pub(super) worker: WorkerId,
-    pub(super) result: &'r Prepared,
+pub(in crate::store) struct Finish<'r> {
+    worker: WorkerId,
+    pub(in crate::store) result: &'r Prepared,
     state: JobState,
     reason: Option<&'r str>,
-    pub(super) study: i64,
-    pub(super) role: JobRole,
+    pub(in crate::store) study: i64,
+    pub(in crate::store) role: JobRole,
+    pub(in crate::store) ordinal: u32,
     /// Whether an attempt failed before.
     failed: bool,
-    pub(super) key: Option<Vec<u8>>,
+    pub(in crate::store) key: Option<Vec<u8>>,
+}
+
+impl<'r> Finish<'r> {
+    /// The end of a job, which is told and counted.
+    pub(in crate::store) fn of(
+        job: &mut JobRow,
+        worker: WorkerId,
+        result: &'r Prepared,
+        (state, reason): (JobState, Option<&'r str>),
+        effects: &mut Effects,
+        events: &mut Vec<Event>,
+    ) -> Self {
+        note(effects, job, worker);
+        events.push(Event::Completed {
+            study: job.study_id,
+            job: job.job,
+            role: job.role,
+            worker,
+            outcome: state_name(state),
+            wall_s: result.provenance.wall_s,
+        });
+        let (study, role, ordinal, failed) = (job.study, job.role, job.ordinal, job.failures > 0);
+        Self { worker, result, state, reason, study, role, ordinal, failed, key: job.key.take() }
+    }
 }
 
 /// What is known of the jobs whose results come in.
 #[derive(Default)]
-struct Book {
+pub(in crate::store) struct Book {
     jobs: HashMap<JobId, JobRow>,
     /// What finished jobs have.
     stored: HashMap<JobId, Stored>,
@@ -75,23 +103,22 @@ pub(super) async fn take(
                 book.stale.remove(&result.job);
             }
             let job = book.jobs.get_mut(&result.job);
-            if let Some((job, (state, reason))) = job.and_then(|job| verdict(job, worker, result).map(|v| (job, v))) {
-                note(effects, job, worker);
+            let doubt = match &job {
+                Some(job) => doubt(work, job, result).await?,
+                None => None,
+            };
+            let job = job.filter(|_| doubt.is_none());
+            if let Some((job, ended)) = job.and_then(|job| verdict(job, worker, result).map(|v| (job, v))) {
+                if result.kind != JobKind::Simulate {
+                    wait(told, result.job, keep(work, job, worker, result).await?);
+                    continue;
+                }
                 told.accepted.push(result.job);
-                work.events.push(Event::Completed {
-                    study: job.study_id,
-                    job: job.job,
-                    role: job.role,
-                    worker,
-                    outcome: state_name(state),
-                    wall_s: result.provenance.wall_s,
-                });
-                let (study, role, failed) = (job.study, job.role, job.failures > 0);
-                pending.push(Finish { worker, result, state, reason, study, role, failed, key: job.key.take() });
+                pending.push(Finish::of(job, worker, result, ended, effects, work.events));
                 book.stale.insert(result.job);
                 continue;
             }
-            match judge(book.jobs.get(&result.job), book.stored.get(&result.job), worker, result) {
+            match judge(book.jobs.get(&result.job), book.stored.get(&result.job), worker, result, doubt) {
                 Judged::Replay => told.accepted.push(result.job),
                 Judged::Refused(class, reason) => {
                     refuse(work, &mut effects.evidence, worker, result, class, &reason).await?;
@@ -99,7 +126,9 @@ pub(super) async fn take(
                 }
                 Judged::Unusable(reason) => {
                     refuse(work, &mut effects.evidence, worker, result, Class::Refused, &reason).await?;
-                    fail_unusable(work, &book, worker, result, &reason, effects).await?;
+                    if let Some(job) = book.jobs.get(&result.job) {
+                        fail_unusable(work, job, worker, &reason, effects).await?;
+                    }
                     book.stale.insert(result.job);
                     told.rejected.push(Rejected { job: result.job, reason });
                 }
@@ -107,6 +136,19 @@ pub(super) async fn take(
         }
     }
     store(work, pending, &mut book, effects).await
+}
+
+/// Tells what became of a result that is to be checked.
+fn wait(told: &mut Exchanged, job: JobId, kept: Kept) {
+    match kept {
+        Kept::Anew => told.unchecked.push(job),
+        Kept::Before => {}
+        Kept::Another => {
+            let reason = "another result of this attempt is being checked".to_owned();
+            return told.rejected.push(Rejected { job, reason });
+        }
+    }
+    told.accepted.push(job);
 }
 
 /// Counts a result which is taken.
@@ -118,15 +160,13 @@ fn note(effects: &mut Effects, job: &JobRow, worker: WorkerId) {
 }
 
 /// The attempt fails, if it is still leased.
-async fn fail_unusable(
+pub(in crate::store) async fn fail_unusable(
     work: &mut Work<'_>,
-    book: &Book,
+    job: &JobRow,
     worker: WorkerId,
-    result: &Prepared,
     reason: &str,
     effects: &mut Effects,
 ) -> Result<(), StoreError> {
-    let Some(job) = book.jobs.get(&result.job) else { return Ok(()) };
     let leased = job.state == JobState::Leased;
     if leased {
         let failed = Failed { worker, fault: Fault::Machine, reason };
@@ -140,7 +180,7 @@ async fn fail_unusable(
 }
 
 /// Stores results, ends their jobs, and those of equal simulations which wait.
-async fn store(
+pub(in crate::store) async fn store(
     work: &mut Work<'_>,
     pending: Vec<Finish<'_>>,
     book: &mut Book,
@@ -161,23 +201,23 @@ async fn store(
     contradict(work, &failed, &mut effects.tallies).await?;
     let ended: Vec<_> = pending.iter().map(|f| (f.result.job.0, state_name(f.state), f.reason)).collect();
     finish_jobs(work.db, &json(&ended)?).await?;
-    for finished in &pending {
-        audit::follow(work, finished, &mut effects.evidence).await?;
-    }
+    audits::follow(work, &pending).await?;
     let mut seen = HashSet::new();
     let keyed: Vec<_> = pending
         .iter()
         .filter_map(|f| Some((f, f.key.as_ref()?)))
         .filter(|(_, key)| seen.insert(*key))
-        .map(|(f, key)| (f.result.job.0, state_name(f.state), f.reason, hex(key)))
+        .map(|(f, key)| (f.result.job.0, state_name(f.state), f.reason, hex(key), f.study))
         .collect();
-    for (job, study, from, id) in share(work.db, &json(&keyed)?).await? {
-        work.events.push(Event::Shared { study: StudyId(uuid(&id)?), job: JobId(job), from: JobId(from) });
-        effects.moved.insert(study);
+    let shared = share(work.db, &json(&keyed)?).await?;
+    for same in &shared {
+        let study = StudyId(uuid(&same.id)?);
+        work.events.push(Event::Shared { study, job: JobId(same.job), from: JobId(same.source) });
+        effects.moved.insert(same.study);
         // Whatever comes in for it now is a second result.
-        book.stale.insert(JobId(job));
+        book.stale.insert(JobId(same.job));
     }
-    Ok(())
+    audits::choose_shared(work, &shared).await
 }
 
 fn json(value: &impl serde::Serialize) -> Result<String, StoreError> {
@@ -219,17 +259,32 @@ async fn finish_jobs(db: &mut SqliteConnection, ended: &str) -> Result<(), Store
     Ok(())
 }
 
+/// A job finished by an equal one's result.
+#[derive(Debug, sqlx::FromRow)]
+pub(in crate::store) struct Shared {
+    pub(in crate::store) job: i64,
+    pub(in crate::store) study: i64,
+    pub(in crate::store) role: String,
+    pub(in crate::store) ordinal: i64,
+    pub(in crate::store) key: Vec<u8>,
+    source: i64,
+    id: Vec<u8>,
+}
+
 /// Finishes equal simulations which still wait, in whatever study: what has been
-/// flown once is not flown again. Those being flown are left to their workers.
-async fn share(db: &mut SqliteConnection, finished: &str) -> Result<Vec<(i64, i64, i64, Vec<u8>)>, StoreError> {
-    let rows = sqlx::query(
+/// flown once is not flown again, but for studies that take nothing of others. Those
+/// being flown are left to their workers.
+async fn share(db: &mut SqliteConnection, finished: &str) -> Result<Vec<Shared>, StoreError> {
+    let shared = sqlx::query_as(
         "update jobs set state = d.value ->> 1, reason = d.value ->> 2, result_of = d.value ->> 0, not_before_ms = null
          from json_each(?) as d
          where jobs.key = unhex(d.value ->> 3) and jobs.state in ('ready', 'delayed') and jobs.job <> d.value ->> 0
-         returning job, study, result_of, (select id from studies as s where s.study = jobs.study)",
+           and (jobs.study = d.value ->> 4 or (select not s.fresh from studies as s where s.study = jobs.study))
+         returning job, study, role, ordinal, key, result_of as source,
+                   (select id from studies as s where s.study = jobs.study) as id",
     )
     .bind(finished)
     .fetch_all(db)
     .await?;
-    rows.iter().map(|row| Ok((row.try_get(0)?, row.try_get(1)?, row.try_get(2)?, row.try_get(3)?))).collect()
+    Ok(shared)
 }

@@ -205,7 +205,8 @@ impl World {
     async fn start(&mut self) -> Result<(), String> {
         let file = self.folder.path().join(self.incarnation.to_string()).join("manduca.db");
         // Given up, a sample is replaced by another one: then the dataset would be another.
-        let config = Config { sweep: Duration::from_secs(3600), max_losses: 1000, ..Config::new(file) };
+        let (sweep, check_wait) = (Duration::from_secs(3600), Duration::from_secs(600));
+        let config = Config { sweep, check_wait, max_losses: 1000, ..Config::new(file) };
         self.clock.0.store(self.now + self.offset, Ordering::SeqCst);
         let state = open_with_clock(config, self.clock.clone()).await.map_err(|e| format!("it does not start: {e}"))?;
         self.witness.restarted(self.now);

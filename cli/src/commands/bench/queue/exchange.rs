@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use anyhow::{Context, Result, bail};
+use manduca_numerics::insect::Insect;
 use manduca_numerics::simulation::{SOLVER_VERSION, level};
 use manduca_protocol::ids::JobId;
 use manduca_protocol::worker::{PROTOCOL_VERSION, RegisterRequest, RegisterResponse};
@@ -68,31 +69,27 @@ fn body(done: &[Granted], want: u32, wait_s: u32) -> String {
     text
 }
 
-/// A result with as many digits as a flown one, other numbers for each job.
+/// A result with as many digits as a flown one, other numbers for each job, which agree with each other.
 fn result(job: i64) -> String {
     let x = 0.123_456_789_012_345_6 + job as f64 * 1e-7;
-    let e = |scale: f64| format!("{{\"mean\":{},\"se\":{}}}", x * scale, x * scale * 1.234_567_890_123e-3);
-    let joint = |scale: f64| {
-        let (a, i) = (x * scale, x * scale * 0.345_678_901_234_567);
-        format!("{{\"aerodynamic_w\":{a},\"inertial_w\":{i},\"required_w\":{}}}", a + i)
-    };
+    let power = [0.51, 0.11, 0.23].map(|scale| x * scale);
+    let si = [x * 0.013, x * 0.0017, x * 0.000_11, power.iter().sum()];
+    let e = |mean: f64| format!("{{\"mean\":{mean},\"se\":{}}}", mean * 1.234_567_890_123e-3);
+    let scales = Insect::default().scales();
+    let [lift_n, drag_n, moment_nm, power_w] = si.map(e);
+    let [lift, drag, moment, over] = std::array::from_fn(|i| e(si[i] / scales[i]));
+    let [sweep, elevation, rotation] = power.map(|required| {
+        let inertial = required * 0.345_678_901_234_567;
+        let aerodynamic = required - inertial;
+        format!("{{\"aerodynamic_w\":{aerodynamic},\"inertial_w\":{inertial},\"required_w\":{required}}}")
+    });
     format!(
-        "{{\"kind\":\"simulate\",\"outcome\":\"ok\",\"means\":{{\"lift_n\":{},\"drag_n\":{},\"pitch_moment_nm\":{},\
-         \"power_w\":{}}},\"scaled\":{{\"lift\":{},\"drag\":{},\"pitch_moment\":{},\"power\":{}}},\"joints\":{{\
-         \"sweep\":{},\"elevation\":{},\"rotation\":{}}},\"power_per_lift_w_per_n\":{},\"strokes_averaged\":6,\
+        "{{\"kind\":\"simulate\",\"outcome\":\"ok\",\"means\":{{\"lift_n\":{lift_n},\"drag_n\":{drag_n},\
+         \"pitch_moment_nm\":{moment_nm},\"power_w\":{power_w}}},\"scaled\":{{\"lift\":{lift},\"drag\":{drag},\
+         \"pitch_moment\":{moment},\"power\":{over}}},\"joints\":{{\"sweep\":{sweep},\"elevation\":{elevation},\
+         \"rotation\":{rotation}}},\"power_per_lift_w_per_n\":{},\"strokes_averaged\":1,\
          \"solver_version\":\"{SOLVER_VERSION}\"}}",
-        e(0.013),
-        e(0.0017),
-        e(0.000_11),
-        e(0.7),
-        e(7.7),
-        e(-1.3),
-        e(0.77),
-        e(9.1),
-        joint(0.51),
-        joint(0.11),
-        joint(-0.23),
-        x * 43.0
+        si[3] / si[0]
     )
 }
 

@@ -1,0 +1,69 @@
+//! What a study must bear out of a simulation's result: cheap, for the writer asks it of each.
+
+use std::ops::RangeInclusive;
+
+use manduca_numerics::simulation::Model;
+use manduca_protocol::resolve;
+use manduca_protocol::study::StudySpec;
+use manduca_protocol::view::JobRole;
+
+use super::search::optimisation_of_stroke;
+use crate::validity::Flown;
+
+/// Relative error of a scaled mean times its scale.
+const ROUNDING: f64 = 1e-9;
+
+/// What the results of one study must agree with.
+#[derive(Debug, Clone)]
+pub(crate) struct Limits {
+    /// What the four means are divided by.
+    scales: [f64; 4],
+    model: Model,
+    /// Least strokes of the optimum flown again, by the place of its optimisation.
+    verify_strokes: Vec<usize>,
+}
+
+impl Limits {
+    /// Those of a study, unless its model is not one of this version.
+    pub(super) fn of(spec: &StudySpec) -> Option<Self> {
+        let model = resolve::model(&spec.model, "/model").ok()?;
+        let verify_strokes = spec.optimisations.iter().map(|o| o.verify_strokes as usize).collect();
+        Some(Self { scales: model.insect.scales(), model: model.model, verify_strokes })
+    }
+
+    /// Checks the means of a flight.
+    ///
+    /// # Errors
+    /// A sentence that says which of them do not follow from the others or from the study.
+    pub(super) fn check(&self, flown: &Flown, role: JobRole, ordinal: u32) -> Result<(), String> {
+        for ((si, scaled), scale) in flown.si.iter().zip(&flown.scaled).zip(self.scales) {
+            for (value, over) in si.iter().zip(scaled) {
+                let claimed = over * scale;
+                let error = (claimed - value).abs();
+                if error.is_nan() || error > ROUNDING * value.abs().max(claimed.abs()) {
+                    return Err(format!("a scaled mean of {over} is not {value} over the scale {scale}"));
+                }
+            }
+        }
+        let possible = self.strokes(role, ordinal);
+        if !possible.contains(&(flown.strokes as usize)) {
+            let (least, most) = possible.into_inner();
+            return Err(format!("{} strokes are in the means; {least} to {most} are possible", flown.strokes));
+        }
+        Ok(())
+    }
+
+    /// Strokes that may be in the means of a flight.
+    fn strokes(&self, role: JobRole, ordinal: u32) -> RangeInclusive<usize> {
+        let Model::Uvlm(settings) = &self.model else { return 1..=1 };
+        let again = match role {
+            JobRole::Verify => self.verify_strokes.get(ordinal as usize),
+            JobRole::Probe => self.verify_strokes.get(optimisation_of_stroke(ordinal) as usize),
+            _ => None,
+        };
+        let flown = settings.strokes.max(again.copied().unwrap_or_default());
+        let most = flown.max(settings.strokes_most);
+        let kept = |strokes: usize| strokes.saturating_sub(settings.strokes_dropped).max(1);
+        kept(flown)..=kept(most)
+    }
+}
