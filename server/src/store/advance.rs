@@ -352,12 +352,14 @@ pub(super) async fn end(
 
 /// Notes when a stage ended.
 pub(super) async fn end_stage(work: &mut Work<'_>, study: i64, stage: Stage) -> Result<(), StoreError> {
-    sqlx::query("update study_stages set ended_ms = ? where study = ? and stage = ? and ended_ms is null")
-        .bind(work.now)
-        .bind(study)
-        .bind(stage.name())
-        .execute(&mut *work.db)
-        .await?;
+    sqlx::query(
+        "update study_stages set ended_ms = max(started_ms, ?) where study = ? and stage = ? and ended_ms is null",
+    )
+    .bind(work.now)
+    .bind(study)
+    .bind(stage.name())
+    .execute(&mut *work.db)
+    .await?;
     Ok(())
 }
 

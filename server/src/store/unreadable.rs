@@ -86,7 +86,7 @@ async fn cancel_audits(db: &mut SqliteConnection, study: i64) -> Result<(), Stor
 }
 
 async fn end_stages(work: &mut Work<'_>, study: i64) -> Result<(), StoreError> {
-    sqlx::query("update study_stages set ended_ms = ? where study = ? and ended_ms is null")
+    sqlx::query("update study_stages set ended_ms = max(started_ms, ?) where study = ? and ended_ms is null")
         .bind(work.now)
         .bind(study)
         .execute(&mut *work.db)

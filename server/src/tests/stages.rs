@@ -45,7 +45,7 @@ async fn optimise_and_verify(bench: &Bench, worker: &str, study: &str) {
     let answer = bench.post(&format!("{study}/surrogate/predictions"), predictions.to_string()).await.json();
     assert!(answer["predictions"][0]["lift"].is_number(), "{answer}");
     assert_eq!(answer["outside"], json!([{ "point": 1, "parameters": ["frequency_hz"] }]));
-    assert_eq!(answer["test_rmse"]["lift"], 0.01);
+    assert_eq!(answer["test_rmse"]["lift"], 0.0);
     assert!(answer["by"].as_str().is_some_and(|by| by.contains("surrogate as it was trained")), "{answer}");
     assert_eq!(bench.get(&format!("{study}/surrogate")).await.json()["neurons"], 2);
     let leases = bench.claim(worker, 5).await;
