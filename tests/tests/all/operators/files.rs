@@ -33,8 +33,11 @@ fn breaking_off() -> String {
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let Ok(mut stream) = stream else { return };
-            let _ = stream.read(&mut [0; 4096]);
-            let head = "HTTP/1.1 200 OK\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n";
+            let mut asked = [0; 4096];
+            let length = stream.read(&mut asked).unwrap_or_default();
+            let is_model = String::from_utf8_lossy(&asked[..length]).contains("/surrogate/model");
+            let of = if is_model { "application/onnx" } else { "text/csv" };
+            let head = format!("HTTP/1.1 200 OK\r\ncontent-type: {of}\r\ntransfer-encoding: chunked\r\n\r\n");
             let _ = stream.write_all(format!("{head}6\r\nhalf,a\r\n").as_bytes());
         }
     });
