@@ -94,13 +94,13 @@ async fn check_next(store: &Store, beside: &Beside, kind: JobKind) -> Result<boo
     let (job, attempt) = (unchecked.result.job, unchecked.result.attempt);
     let fault = match claims::check(store, unchecked).await {
         Ok(checked) => checked.err(),
-        // Its study is gone, or cannot be read: its job will not get any further either.
-        Err(StoreError::Corrupt(why)) => Some(Fault::Useless(format!("it cannot be checked: {why}"))),
+        Err(StoreError::Corrupt(why)) => Some(Fault::Unreadable(why)),
         Err(StoreError::UnknownJob(_)) => None,
         Err(error) => return Err(error),
     };
     store.run(Checked { job, attempt, fault: fault.clone() }).await?;
-    beside.tell(job, &fault.map(|fault| fault.to_string()));
+    let told = fault.filter(|fault| !matches!(fault, Fault::Unreadable(_)));
+    beside.tell(job, &told.map(|fault| fault.to_string()));
     Ok(true)
 }
 

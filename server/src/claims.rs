@@ -21,6 +21,9 @@ pub(crate) enum Fault {
     /// It is not what its study asked for.
     #[error("{0}")]
     Useless(String),
+    /// Its study cannot be read: nobody is to blame.
+    #[error("its study cannot be read: {0}")]
+    Unreadable(String),
     /// It claims what is not so, by far more than rounding.
     #[error("{0}")]
     False(String),

@@ -12,6 +12,7 @@ use super::evidence::{Class, refuse, settle};
 use super::exchange::Effects;
 use super::exchange::results::{Book, Finish, fail_unusable, store};
 use super::names::{kind_of, named, role_name, unsigned, uuid};
+use super::unreadable::fail_unreadable;
 use super::workers::add_to_tallies;
 use super::{Operation, Store, StoreError, Work};
 use crate::claims::Fault;
@@ -164,6 +165,10 @@ impl Operation for Checked {
                 let finished = Finish::of(&mut job, worker, &result, ended, &mut effects, work.events);
                 store(work, vec![finished], &mut Book::default(), &mut effects).await?;
             }
+            Some(Fault::Unreadable(why)) => {
+                give_back(work, self.job).await?;
+                return fail_unreadable(work, job.study, &why).await;
+            }
             Some(fault) => {
                 let why = fault.to_string();
                 refuse(work, &mut effects.evidence, worker, &result, Class::Refused, &why).await?;
@@ -181,6 +186,15 @@ impl Operation for Checked {
         work.events.push(Event::Ready);
         Ok(())
     }
+}
+
+/// The job waits for whatever becomes of its study.
+async fn give_back(work: &mut Work<'_>, job: JobId) -> Result<(), StoreError> {
+    sqlx::query("update jobs set state = 'ready', worker = null, lease_until_ms = null where job = ?")
+        .bind(job.0)
+        .execute(&mut *work.db)
+        .await?;
+    Ok(())
 }
 
 /// The same result, sent again because an answer was lost, is then one of an attempt that has ended.
