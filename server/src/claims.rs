@@ -50,7 +50,10 @@ const BEYOND: f64 = 1e-9;
 /// # Errors
 /// When the study cannot be read.
 pub(crate) async fn check(store: &Store, unchecked: Unchecked) -> Result<Result<(), Fault>, StoreError> {
-    let row = store.task_row(unchecked.result.job).await?;
+    let row = store.task_row(unchecked.result.job).await.map_err(|error| match error {
+        StoreError::Corrupt(why) => StoreError::Corrupt(format!("its specification cannot be read: {why}")),
+        error => error,
+    })?;
     let faults = |faults: Vec<_>| StoreError::Corrupt(format!("the study is not valid: {faults:?}"));
     let study = resolve::study(&row.spec).map_err(faults)?;
     let body = unchecked.result.body;
