@@ -50,7 +50,7 @@ def ours(program, core):
     """Wall time of the whole process, and what it says."""
     settings = {
         "chordwise-panels": CHORDWISE, "spanwise-panels": SPANWISE, "steps-per-stroke": STEPS, "strokes": STROKES,
-        "strokes-most": STROKES, "strokes-dropped": STROKES - 1, "wake-strokes": STROKES,
+        "strokes-most": STROKES, "strokes-dropped": STROKES - 2, "wake-strokes": STROKES,
         "wake-joined-after": STROKES, "wake-tail": 0, "single-precision-wake": 0,
     }
     line = [program, "simulate", "--case", "five-ann", "--json"]
@@ -89,7 +89,7 @@ def compare(args):
         "pterasoftware_all_s": runs,
         "manduca_all_s": processes,
         "pterasoftware_warm_up_s": [run["warm_up_s"] for run in slow],
-        "pterasoftware_mean_force_last_stroke_n": flights[-1]["mean_force_last_stroke_n"],
+        "pterasoftware_mean_force_last_two_strokes_n": flights[-1]["mean_force_last_two_strokes_n"],
         "manduca_mean_lift_last_stroke_n": flown["means"]["lift_n"]["mean"],
         "load_before": before,
         "load_after": os.getloadavg(),

@@ -142,7 +142,7 @@ fn empty_variables_count_as_unset() {
         "MANDUCA_IDLE_EXIT",
         "MANDUCA_MAX_RUNTIME",
     ];
-    let mut command = manduca(folder.path(), &["token", "create", "x", "--scope", "read"]);
+    let mut command = manduca(folder.path(), &["token", "create", "x", "--scope", "read", "--init"]);
     let output = command.envs(variables.map(|name| (name, ""))).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(folder.path().join("manduca-data/manduca.db").is_file());

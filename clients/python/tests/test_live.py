@@ -88,7 +88,9 @@ def test_predictions_keep_shape_and_order(study: manduca.Study) -> None:
     listed = study.predict(points)
     assert table.to_dict("records") == listed
     assert study.predict(points[2]) == listed[2]
-    assert listed[0].test_rmse == table.attrs["test_rmse"] == study.surrogate()["test"]["rmse"]
+    tested = study.surrogate()["test"]
+    assert tested is not None
+    assert listed[0].test_rmse == table.attrs["test_rmse"] == tested["rmse"]
     with pytest.warns(UserWarning, match="frequency_hz"):
         study.predict(points[2] | {"frequency_hz": 299.0})
     # More than the coordinator takes at once.

@@ -162,7 +162,7 @@ fn untruncated(chordwise_panels: usize, spanwise_panels: usize, steps_per_stroke
         spanwise_panels,
         steps_per_stroke,
         strokes,
-        strokes_dropped: strokes - 1,
+        strokes_dropped: strokes.saturating_sub(2),
         strokes_most: strokes,
         wake_strokes,
         wake_joined_after: wake_strokes,
