@@ -90,7 +90,7 @@ def compare(args):
         "manduca_all_s": processes,
         "pterasoftware_warm_up_s": [run["warm_up_s"] for run in slow],
         "pterasoftware_mean_force_last_two_strokes_n": flights[-1]["mean_force_last_two_strokes_n"],
-        "manduca_mean_lift_last_stroke_n": flown["means"]["lift_n"]["mean"],
+        "manduca_mean_lift_last_two_strokes_n": flown["means"]["lift_n"]["mean"],
         "load_before": before,
         "load_after": os.getloadavg(),
         "cores": os.cpu_count(),
