@@ -21,7 +21,7 @@ use tokio::sync::Notify;
 /// What a slot says of a task it has done.
 pub const DONE: &str = r#"{"message":"done","result":{"kind":"simulate","outcome":"infeasible","reason":"no","solver_version":"1"},"provenance":{"wall_s":0.1,"level":"avx2"}}"#;
 /// What a slot says of a task it refuses.
-pub const FAILED: &str = r#"{"message":"failed","reason":"no such wing"}"#;
+pub const FAILED: &str = r#"{"message":"failed","reason":"no such wing","fault":"refused"}"#;
 
 /// What the coordinator knows and what a test may change.
 #[derive(Default)]
