@@ -85,6 +85,7 @@ class StudySummary(TypedDict):
     created_at: str
     samples: int
     samples_succeeded: int
+    submitted_by: NotRequired[str]
 
 
 class StudyView(TypedDict):
@@ -109,6 +110,17 @@ class StudyView(TypedDict):
     audit_verdicts: NotRequired[dict[str, int]]
     distrusted: NotRequired[list[dict[str, Any]]]
     disowned_results: NotRequired[int]
+    steered_by: NotRequired[str]
+    submitted_by: NotRequired[str]
+
+
+class ComputedBy(TypedDict):
+    """The origin of a result."""
+
+    job: int
+    worker: str
+    worker_name: str
+    token: NotRequired[str]
 
 
 class JobView(TypedDict):
@@ -124,6 +136,9 @@ class JobView(TypedDict):
     reason: str | None
     cached: bool
     provenance: dict[str, Any] | None
+    computed_by: NotRequired[ComputedBy]
+    worker_name: NotRequired[str]
+    token: NotRequired[str]
 
 
 class WorkerView(TypedDict):
@@ -142,6 +157,8 @@ class WorkerView(TypedDict):
     quarantined: bool
     draining: bool
     set_aside: NotRequired[str]
+    token: NotRequired[str]
+    drained_by: NotRequired[str]
 
 
 class DryRun(TypedDict):
@@ -162,6 +179,7 @@ class SurrogateView(TypedDict):
     train: dict[str, Any] | None
     validation: dict[str, Any] | None
     test: dict[str, Any] | None
+    disowned_results: NotRequired[int]
 
 
 class SimulationView(TypedDict):
