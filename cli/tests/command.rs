@@ -146,10 +146,11 @@ fn empty_variables_count_as_unset() {
     let output = command.envs(variables.map(|name| (name, ""))).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(folder.path().join("manduca-data/manduca.db").is_file());
-    for line in [&["serve", "--listen", "0.0.0.0:0"][..], &["worker", "--coordinator", "ftp://x"]] {
+    // Both fail for a reason of their own: no machine has the first address, none understands the second.
+    for line in [&["serve", "--listen", "192.0.2.1:1"][..], &["worker", "--coordinator", "ftp://x"]] {
         let output = manduca(folder.path(), line).envs(variables.map(|name| (name, ""))).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && !text.contains("invalid value"), "{text}");
+        assert!(!output.status.success() && !text.contains("invalid value"), "{text}");
     }
 }
 
