@@ -194,7 +194,7 @@ pub struct ServeArgs {
     #[arg(long)]
     pub insecure: bool,
     /// A further host name or address under which requests are answered where no tokens are asked for, beside
-    /// localhost, 127.0.0.0/8 and [::1]; may be given more than once. Every port is taken. The variable
+    /// localhost, 127.0.0.0/8 and `[::1]`; may be given more than once. Every port is taken. The variable
     /// separates several by commas.
     #[arg(long, value_name = "NAME", value_delimiter = ',', env = "MANDUCA_ALLOW_HOST")]
     pub allow_host: Vec<Host>,
