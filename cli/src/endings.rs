@@ -47,7 +47,7 @@ pub fn of<T: Copy>(option: &str, path: &Path, known: &Endings<T>) -> Result<T> {
     found.ok_or_else(|| refused(format!("{option} {}: the file must end in {}", path.display(), listed(known))))
 }
 
-/// The ending in small letters; none where the name has none.
+/// The ending in small letters, or `None` if the name has no ending.
 fn ending(path: &Path) -> Option<String> {
     path.extension().map(|ending| ending.to_string_lossy().to_lowercase())
 }

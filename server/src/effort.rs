@@ -50,7 +50,7 @@ fn told(what: &str, times: f64, limit_s: f64) -> String {
     )
 }
 
-/// By how many times the shortest flight of the study's model exceeds its limit; none where it does not.
+/// By how many times the shortest flight of the study's model exceeds its limit, or `None` if it does not.
 fn flight_takes(study: &ResolvedStudy, strokes: usize, limits: &RunLimits) -> Option<f64> {
     let Model::Uvlm(settings) = &study.model.model else { return None };
     let times = work(settings, strokes) / SEGMENTS_PER_S / limits.simulate.as_secs_f64();

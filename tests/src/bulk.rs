@@ -70,7 +70,7 @@ impl Kept {
         Self { address: address.to_owned(), stream: None }
     }
 
-    /// GET; gives the status, or none where the connection failed.
+    /// Sends a GET and returns the status, or `None` if the connection failed.
     pub fn get(&mut self, path: &str) -> Option<u16> {
         let request = format!("GET {path} HTTP/1.1\r\nhost: {}\r\n\r\n", self.address);
         self.ask(request.as_bytes()).map(|(status, _)| status)

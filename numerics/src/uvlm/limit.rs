@@ -34,7 +34,7 @@ impl Limit {
         Self { force_n: MOST * scale, moment_nm: MOST * scale * length }
     }
 
-    /// By how many times mean loads are beyond it; none where they are not.
+    /// By how many times mean loads are beyond it, or `None` if they are not.
     pub(super) fn exceeded(&self, loads: &Loads) -> Option<f64> {
         let times = (loads.force / loads.weight / self.force_n).max(loads.moment / loads.weight / self.moment_nm);
         (times > 1.0).then_some(times)

@@ -124,7 +124,7 @@ async fn audit(work: &mut Work<'_>, workers: &[WorkerId], given: &mut [Option<Le
     Ok(())
 }
 
-/// An audit for each of these workers, none where there is nothing it may audit.
+/// An audit for each of these workers, or `None` if there is nothing it may audit.
 async fn list_audits(
     work: &mut Work<'_>,
     study: i64,

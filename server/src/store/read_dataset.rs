@@ -76,7 +76,7 @@ impl Store {
     }
 
     /// The next samples which have means after the one of this index, as the trainer sees them, and the
-    /// index of the last one looked at; none where there are no more.
+    /// index of the last one looked at, or `None` if there are no more.
     pub(crate) async fn train_samples_after(
         &self,
         study: i64,
