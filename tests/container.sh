@@ -54,7 +54,7 @@ clean() {
   fi
   podman rm --all --force --time 5 >/dev/null 2>&1 || true
   podman network prune --force >/dev/null 2>&1 || true
-  podman unshare rm -rf "$work" 2>/dev/null || rm -rf "$work"
+  rm -rf "$work"
   exit "$status"
 }
 trap clean EXIT

@@ -150,7 +150,7 @@ impl Service {
     }
 }
 
-/// A coordinator on a loopback port. The database is opened first: what is wrong with it is told by itself.
+/// A coordinator on a loopback port. It opens the database first, so that a fault of the database is the one reported.
 async fn own(database: &Path, hold: Hold, wanted: Option<SocketAddr>) -> Result<(Coordinator, String)> {
     let state = manduca_server::open(Config::new(database), hold).await?;
     let wanted = match wanted {
