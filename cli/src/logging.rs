@@ -1,10 +1,11 @@
 //! Log lines on standard error. Nothing waits for them: a line that cannot be written is dropped.
 
 use std::io::{self, IsTerminal, Write};
+use std::iter;
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
@@ -14,6 +15,8 @@ use crate::output;
 
 /// Most lines that wait to be written; further ones are dropped.
 const MOST_WAITING: usize = 4096;
+/// Time between two writes.
+const BETWEEN: Duration = Duration::from_millis(5);
 /// How long the last lines are waited for.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -83,13 +86,27 @@ impl Lines {
     }
 }
 
+/// Writes a line at once, and those which follow close behind it together: to be woken for each would cost
+/// more than the line.
 fn write(waiting: &Receiver<Message>, mut stream: impl Write) {
-    for message in waiting {
-        match message {
-            // A closed pipe or a full disk: the line is lost, and nothing else.
-            Message::Line(line) => drop(stream.write_all(&line)),
-            Message::Flush(done) => drop(done.try_send(())),
+    let (mut lines, mut flushed, mut last) = (Vec::new(), Vec::new(), None::<Instant>);
+    while let Ok(first) = waiting.recv() {
+        if let Some(rest) = last.and_then(|last| BETWEEN.checked_sub(last.elapsed())) {
+            thread::sleep(rest);
         }
+        for message in iter::once(first).chain(waiting.try_iter().take(MOST_WAITING)) {
+            match message {
+                Message::Line(line) => lines.extend(line),
+                Message::Flush(done) => flushed.push(done),
+            }
+        }
+        // A closed pipe or a full disk: the lines are lost, and nothing else.
+        let _ = stream.write_all(&lines);
+        lines.clear();
+        for done in flushed.drain(..) {
+            let _ = done.try_send(());
+        }
+        last = Some(Instant::now());
     }
 }
 

@@ -16,6 +16,7 @@ mod render;
 mod signals;
 mod study_file;
 mod text_file;
+mod threads;
 mod token;
 mod whole;
 
@@ -32,7 +33,9 @@ fn main() -> ExitCode {
         output::hush();
     }
     logging::start(&cli);
-    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+    let coordinates = matches!(cli.command, args::Command::Serve(_) | args::Command::Run(_));
+    let runtime = if coordinates { threads::of_a_coordinator() } else { threads::of_a_command() };
+    let runtime = match runtime {
         Ok(runtime) => runtime,
         Err(error) => return exit::report(&error.into()),
     };

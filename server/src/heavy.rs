@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, Bytes, to_bytes};
-use axum::extract::{MatchedPath, Request, State};
+use axum::extract::{MatchedPath, Request};
 use axum::http::{HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -39,6 +39,9 @@ const KEPT: [&str; 2] = ["/v1/studies/{study}/points", "/v1/studies/{study}/thro
 
 /// Most at once; one connection of the store is left to short reads.
 const MOST: usize = 3;
+/// Most samples of a small study, and most such studies whose samples are drawn at once: together they take 8 MB.
+const SKETCH: u32 = 1000;
+const SKETCHES: usize = 64;
 /// How many wait.
 const PLACES: usize = 128;
 /// How long one waits.
@@ -58,6 +61,7 @@ const STALE: Duration = Duration::from_secs(2);
 pub(crate) struct Heavy {
     turns: Fair,
     drawing: Fair,
+    sketching: Fair,
     answers: Mutex<VecDeque<Answer>>,
 }
 
@@ -83,7 +87,8 @@ impl Heavy {
     pub(crate) fn new(processors: usize, readers: u32) -> Self {
         let most = MOST.min(processors).min(readers.saturating_sub(1) as usize).max(1);
         let drawing = Fair::new(most, PLACES, PATIENCE);
-        Self { turns: Fair::new(most, PLACES, PATIENCE), drawing, answers: Mutex::default() }
+        let sketching = Fair::new(SKETCHES, PLACES, PATIENCE);
+        Self { turns: Fair::new(most, PLACES, PATIENCE), drawing, sketching, answers: Mutex::default() }
     }
 
     /// A turn at what takes long.
@@ -104,13 +109,14 @@ impl Heavy {
         }
     }
 
-    /// A turn at drawing the samples of a study, to be kept until they are stored: those of the largest
-    /// take 24 MB.
+    /// A turn at drawing so many samples of a study, to be kept until they are stored: those of the largest
+    /// take 24 MB, and of small studies many may wait for one commit.
     ///
     /// # Errors
     /// As [`Heavy::turn`].
-    pub(crate) async fn drawing(&self, asker: Asker) -> Result<Turn, ApiError> {
-        self.drawing.take(asker).await
+    pub(crate) async fn drawing(&self, samples: u32, asker: Asker) -> Result<Turn, ApiError> {
+        let turns = if samples > SKETCH { &self.drawing } else { &self.sketching };
+        turns.take(asker).await
     }
 
     /// The answer kept to this, if it is good enough.
@@ -133,14 +139,14 @@ impl Heavy {
 }
 
 /// Gives requests which take long their turn, on a thread which does not serve.
-pub(crate) async fn heavy(State(state): State<AppState>, request: Request, next: Next) -> Response {
+pub(crate) async fn heavy(state: &AppState, request: Request, next: Next) -> Response {
     let reads = request.method() == Method::GET || request.method() == Method::HEAD;
     let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
     if !reads || !HEAVY.contains(&path) {
         return next.run(request).await;
     }
-    let kept = if KEPT.contains(&path) && request.method() == Method::GET { kept(&state, &request) } else { None };
-    take(&state, request, next, kept).await.unwrap_or_else(IntoResponse::into_response)
+    let kept = if KEPT.contains(&path) && request.method() == Method::GET { kept(state, &request) } else { None };
+    take(state, request, next, kept).await.unwrap_or_else(IntoResponse::into_response)
 }
 
 /// What the answer to a request about a study is kept as.

@@ -56,11 +56,15 @@ pub(crate) struct Metrics {
     answers: Family<Status, Counter>,
     turned_away: Family<Reason, Counter>,
     exchange: Histogram,
+    serving: Histogram,
     commit: Histogram,
     operations: Histogram,
     store_failing: Gauge,
     seconds_computed: Counter<f64, AtomicU64>,
 }
+
+/// Bounds of stretches of serving, seconds: none should be longer than 50 ms.
+const STRETCHES: [f64; 8] = [1e-4, 1e-3, 5e-3, 0.01, 0.025, 0.05, 0.25, 1.0];
 
 fn seconds() -> Histogram {
     // 0.1 ms to 52 s.
@@ -78,6 +82,7 @@ impl Default for Metrics {
             answers: Family::default(),
             turned_away: Family::default(),
             exchange: seconds(),
+            serving: Histogram::new(STRETCHES),
             commit: seconds(),
             operations: Histogram::new(exponential_buckets(1.0, 2.0, 10)),
             store_failing: Gauge::default(),
@@ -99,6 +104,7 @@ impl Metrics {
         r.register("http_answers", "Answers, by status", self.answers.clone());
         r.register("requests_turned_away", "Requests refused for their token", self.turned_away.clone());
         r.register("exchange_seconds", "From an exchange's arrival to its commit", self.exchange.clone());
+        r.register("serving_seconds", "Processor time of a connection in one stretch", self.serving.clone());
         r.register("commit_seconds", "Time of one commit with all it contains", self.commit.clone());
         r.register("commit_operations", "Operations committed together", self.operations.clone());
         r.register("store_failing", "1 while the database takes no writes", self.store_failing.clone());
@@ -135,6 +141,11 @@ impl Metrics {
     /// Notes how long an exchange waited for its commit.
     pub(crate) fn exchanged(&self, took: Duration) {
         self.exchange.observe(took.as_secs_f64());
+    }
+
+    /// Notes how long a connection kept a thread which serves.
+    pub(crate) fn served(&self, took: Duration) {
+        self.serving.observe(took.as_secs_f64());
     }
 
     /// Notes a commit, or that there was none.

@@ -1,26 +1,27 @@
 //! Every request passes here before its body is read.
 
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::{HeaderMap, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::{Access, Caller, Pass, Scope, Secret, site};
 use crate::error::{ApiError, OfAnotherToken};
+use crate::heavy::heavy;
 use crate::state::AppState;
 
 /// Lets a request pass, with the one who makes it, or refuses it.
-pub(crate) async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
-    let response = match check(&state, request.method(), request.uri(), request.headers()).await {
+pub(crate) async fn guard(state: &AppState, mut request: Request, next: Next) -> Response {
+    let response = match check(state, request.method(), request.uri(), request.headers()).await {
         Ok((caller, pass)) => {
             let asked = (request.method().clone(), request.uri().clone());
             request.extensions_mut().insert(caller.clone());
             request.extensions_mut().insert(pass.clone());
-            let response = next.run(request).await;
+            let response = heavy(state, request, next).await;
             if response.extensions().get::<OfAnotherToken>().is_some() {
-                turn_away(&state, "another_token", &caller, &asked.0, asked.1.path());
+                turn_away(state, "another_token", &caller, &asked.0, asked.1.path());
             }
-            pass.watch_over(response, &state)
+            pass.watch_over(response, state)
         }
         Err(refusal) => refusal.into_response(),
     };

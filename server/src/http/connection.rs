@@ -14,6 +14,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio_io_timeout::TimeoutStream;
 
+use super::stretch::measured;
 use crate::app::app;
 use crate::state::AppState;
 
@@ -29,6 +30,7 @@ pub(crate) struct Connections {
     write_wait: Duration,
     places: Arc<Semaphore>,
     graceful: GracefulShutdown,
+    state: AppState,
 }
 
 impl Connections {
@@ -45,6 +47,7 @@ impl Connections {
             write_wait: config.write_wait,
             places: Arc::new(Semaphore::new(config.connections)),
             graceful: GracefulShutdown::new(),
+            state: state.clone(),
         }
     }
 
@@ -71,8 +74,9 @@ impl Connections {
         let io: TokioIo<Pin<Box<_>>> = TokioIo::new(Box::pin(stream));
         let connection = self.http.serve_connection(io, TowerToHyperService::new(self.router.clone()));
         let connection = self.graceful.watch(connection);
+        let state = self.state.clone();
         tokio::spawn(async move {
-            if let Err(error) = connection.await {
+            if let Err(error) = measured(connection, state.metrics()).await {
                 tracing::debug!(error.cause = %error, "A connection ended badly");
             }
             drop(place);

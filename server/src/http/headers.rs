@@ -22,7 +22,7 @@ const KEPT: &str = "private, no-cache";
 const NOT_KEPT: &str = "no-store";
 
 /// Adds what an answer does not say itself.
-pub(crate) async fn complete(mut response: Response) -> Response {
+pub(crate) fn complete(mut response: Response) -> Response {
     let headers = response.headers_mut();
     let cache = if headers.contains_key(header::ETAG) { KEPT } else { NOT_KEPT };
     for (name, value) in [

@@ -9,3 +9,4 @@ pub(crate) mod headers;
 pub(crate) mod parse;
 pub(crate) mod parts;
 pub(crate) mod scan;
+pub(crate) mod stretch;

@@ -112,7 +112,7 @@ async fn store(
     }
     let fresh = spec.fresh;
     let (name, samples, optimisations) = (spec.name.clone(), spec.sampling.samples, spec.optimisations.len());
-    let _turn = state.heavy().drawing(asker).await?;
+    let _turn = state.heavy().drawing(samples, asker).await?;
     let drawn = checked(state, spec).await?.map_err(ApiError::InvalidStudy)?.drawn;
     let mut secret = [0; 32];
     getrandom::fill(&mut secret).map_err(|e| ApiError::Internal(Box::new(e)))?;
@@ -150,7 +150,7 @@ async fn dry_run(
         Err(ApiError::InvalidStudy(errors)) => return Ok(DryRun { simulations: 0, errors }),
         Err(other) => return Err(other),
     };
-    let _turn = state.heavy().drawing(asker).await?;
+    let _turn = state.heavy().drawing(spec.sampling.samples, asker).await?;
     Ok(match checked(state, spec).await? {
         Ok(checked) => DryRun { simulations: checked.simulations(), errors: Vec::new() },
         Err(errors) => DryRun { simulations: 0, errors },

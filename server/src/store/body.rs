@@ -1,5 +1,8 @@
 //! Results as stored: JSON, compressed where it pays.
 
+use std::io::{self, BufWriter, Write};
+
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::StoreError;
@@ -11,9 +14,57 @@ const LEVEL: i32 = 3;
 /// What compressed bodies begin with, and no JSON does.
 const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
+/// How much JSON is gathered before it is compressed, bytes.
+const PIECE: usize = 64 << 10;
+
 /// A body as it goes into the store.
-pub(crate) fn pack(json: Vec<u8>) -> Result<Vec<u8>, std::io::Error> {
-    if json.len() < LARGE { Ok(json) } else { zstd::encode_all(json.as_slice(), LEVEL) }
+#[derive(Debug)]
+pub(crate) struct Packed {
+    /// JSON, compressed where large.
+    pub(crate) body: Vec<u8>,
+    /// blake3 of the JSON.
+    pub(crate) digest: [u8; 32],
+}
+
+/// Packs a value whose JSON is small as a rule.
+///
+/// # Errors
+/// When it cannot be written as JSON, or compressed.
+pub(crate) fn pack(value: &impl Serialize) -> io::Result<Packed> {
+    let json = serde_json::to_vec(value)?;
+    let digest = *blake3::hash(&json).as_bytes();
+    let body = if json.len() < LARGE { json } else { zstd::encode_all(json.as_slice(), LEVEL)? };
+    Ok(Packed { body, digest })
+}
+
+/// [`pack`] of a value whose JSON may be large: it is compressed while it is written, and never there as a whole.
+///
+/// # Errors
+/// As [`pack`].
+pub(crate) fn pack_large(value: &impl Serialize) -> io::Result<Packed> {
+    let (hasher, encoder) = (blake3::Hasher::new(), zstd::Encoder::new(Vec::new(), LEVEL)?);
+    let mut pieces = BufWriter::with_capacity(PIECE, Hashing { hasher, inner: encoder });
+    serde_json::to_writer(&mut pieces, value)?;
+    let Hashing { hasher, inner } = pieces.into_inner().map_err(io::IntoInnerError::into_error)?;
+    Ok(Packed { body: inner.finish()?, digest: *hasher.finalize().as_bytes() })
+}
+
+/// Hashes what it hands on.
+struct Hashing<W> {
+    hasher: blake3::Hasher,
+    inner: W,
+}
+
+impl<W: Write> Write for Hashing<W> {
+    fn write(&mut self, piece: &[u8]) -> io::Result<usize> {
+        let written = self.inner.write(piece)?;
+        self.hasher.update(&piece[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
 }
 
 /// The JSON of a stored body.
@@ -48,11 +99,16 @@ mod tests {
 
     #[test]
     fn small_and_large_bodies_come_back() {
-        for length in [3, 100_000] {
-            let json = serde_json::to_vec(&vec![1.5_f64; length]).expect("numbers");
-            let packed = pack(json.clone()).expect("packs");
-            assert_eq!(packed.len() < json.len(), length > 100);
-            assert_eq!(unpack(packed).expect("unpacks"), json);
+        for length in [0, 3, 100_000] {
+            let value = vec![1.5_f64; length];
+            let json = serde_json::to_vec(&value).expect("numbers");
+            let (packed, large) = (pack(&value).expect("packs"), pack_large(&value).expect("packs"));
+            assert_eq!(packed.body.len() < json.len(), length > 100);
+            assert!(large.body.starts_with(&ZSTD_MAGIC));
+            for Packed { body, digest } in [packed, large] {
+                assert_eq!(digest, *blake3::hash(&json).as_bytes());
+                assert_eq!(unpack(body).expect("unpacks"), json);
+            }
         }
     }
 }

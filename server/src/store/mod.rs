@@ -44,6 +44,7 @@ mod specs;
 mod stock;
 mod submit;
 mod sweep;
+mod thread;
 mod tokens;
 mod trouble;
 mod unchecked;
@@ -65,7 +66,7 @@ use crate::event::Event;
 use crate::metrics::Metrics;
 
 pub(crate) use add::AddOptimisation;
-pub(crate) use body::{pack, parse as parse_body, unpack};
+pub(crate) use body::{Packed, pack, pack_large, parse as parse_body, unpack};
 pub(crate) use checkpoint::PreparedRenewal;
 pub(crate) use claim::Leased;
 pub(crate) use complete::{Outcome, Prepared};

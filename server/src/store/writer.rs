@@ -18,6 +18,7 @@ use super::exchange::exchange_all;
 use super::health::Health;
 use super::shares::Rota;
 use super::specs::Specs;
+use super::thread::spawn_apart;
 use super::{Exchange, Exchanged, Observer, StoreError, Trouble};
 use crate::clock::Clock;
 use crate::config::Config;
@@ -144,7 +145,7 @@ impl Writer {
             told: None,
             is_noted: false,
         };
-        tokio::spawn(async move {
+        spawn_apart(async move {
             let _ends = ends;
             task.serve(messages).await;
         });
