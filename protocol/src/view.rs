@@ -181,7 +181,8 @@ pub struct SurrogateView {
     /// What predicts.
     #[serde(default)]
     pub kind: SurrogateKind,
-    /// Training curves, one network after the other; while it trains, as far as it is. A gaussian process has none.
+    /// Training curves, one network after the other; while it trains, as far as it is. Of a network with thousands of
+    /// iterations every n-th, the best and the last. A gaussian process has none.
     pub curve: Vec<EpochMessage>,
     /// Iteration each finished network is from.
     #[serde(default)]

@@ -9,6 +9,7 @@ use std::time::Duration;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
+use manduca_protocol::ids::WorkerId;
 use tokio::sync::oneshot;
 
 use crate::error::ApiError;
@@ -21,6 +22,13 @@ impl Asker {
     /// The asker of a request with these headers, whose token was checked before.
     pub(crate) fn of(headers: &HeaderMap) -> Self {
         Self(headers.get(header::AUTHORIZATION).map(|value| blake3::hash(value.as_bytes())))
+    }
+}
+
+impl Asker {
+    /// A worker, whatever its token: those of a cluster share one.
+    pub(crate) fn of_worker(worker: WorkerId) -> Self {
+        Self(Some(blake3::hash(worker.0.as_bytes())))
     }
 }
 
@@ -170,6 +178,13 @@ impl Drop for Waiting<'_> {
 /// A turn, which ends when dropped.
 #[derive(Debug)]
 pub(crate) struct Turn(Fair);
+
+impl Turn {
+    /// Whether somebody waits for one like it.
+    pub(crate) fn is_waited_for(&self) -> bool {
+        self.0.lock().count > 0
+    }
+}
 
 impl Drop for Turn {
     fn drop(&mut self) {

@@ -36,6 +36,8 @@ pub(crate) struct Memory {
 pub(crate) struct Waits {
     /// By a large body for its place.
     large: Duration,
+    /// How long a large body may take to arrive while another waits for its place: less than that one waits.
+    pressed: Duration,
     /// By others, at least.
     least: Duration,
     /// And where nearly all of them has come: those which hold much go first, and give it back.
@@ -45,7 +47,15 @@ pub(crate) struct Waits {
 impl Default for Waits {
     fn default() -> Self {
         let seconds = Duration::from_secs;
-        Self { large: seconds(10), least: seconds(1), most: seconds(10) }
+        Self { large: seconds(10), pressed: seconds(8), least: seconds(1), most: seconds(10) }
+    }
+}
+
+#[cfg(test)]
+impl Waits {
+    /// Waits for and of large bodies.
+    pub(crate) fn of_large(large: Duration, pressed: Duration) -> Self {
+        Self { large, pressed, ..Self::default() }
     }
 }
 
@@ -91,6 +101,11 @@ pub(crate) struct Held {
 }
 
 impl Held {
+    /// How long its body may take to arrive, if another waits for the place it has.
+    pub(crate) fn pressed(&self) -> Option<Duration> {
+        self.place.as_ref().filter(|place| place.is_waited_for()).map(|_| self.waits.pressed)
+    }
+
     /// Holds enough for a body of `length` bytes, of at most `limit`.
     ///
     /// # Errors
@@ -121,7 +136,7 @@ mod tests {
 
     fn memory() -> Memory {
         let short = Duration::from_millis(20);
-        Memory::new(1, Waits { large: short, least: short, most: short })
+        Memory::new(1, Waits { large: short, pressed: short, least: short, most: short })
     }
 
     #[tokio::test]

@@ -3,6 +3,7 @@
 //!
 //! A helper that cannot do its part panics: no test could go on without it.
 
+pub mod bulk;
 pub mod chance;
 pub mod client;
 pub mod coordinator;

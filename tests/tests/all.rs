@@ -6,6 +6,10 @@
 // What a finished study's surrogate is asked.
 #[path = "all/analyse.rs"]
 mod analyse;
+// What one request may cost, whatever is in it.
+#[cfg(target_os = "linux")]
+#[path = "all/bounded.rs"]
+mod bounded;
 // Processes killed in mid-study: nothing lost, nothing twice, the same bytes.
 #[path = "all/crash.rs"]
 mod crash;

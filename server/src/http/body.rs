@@ -1,6 +1,8 @@
 //! Bodies of requests: read as bytes within the memory there is for them, and parsed off the
 //! threads which serve unless they are small.
 
+use std::time::Duration;
+
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
@@ -12,6 +14,7 @@ use manduca_protocol::study::{OptimisationSpec, StudySpec};
 use manduca_protocol::view::PredictionRequest;
 use manduca_protocol::worker::{ExchangeRequest, RegisterRequest};
 use serde::de::DeserializeOwned;
+use tokio::time::{Instant, timeout};
 
 use super::parse::{Language, parse};
 use crate::error::ApiError;
@@ -28,6 +31,8 @@ const MANY_VALUES: usize = 256 << 10;
 const MOST_VALUES: usize = 2 << 20;
 /// Largest body parsed on a thread which serves, bytes: a tenth of a millisecond's work.
 const INLINE: usize = 16 << 10;
+/// How often is looked whether a body must make room for others.
+const LOOK: Duration = Duration::from_millis(500);
 /// How much of a body which is too large is read and thrown away, bytes.
 const THROWN_AWAY: usize = 64 << 20;
 
@@ -122,7 +127,7 @@ impl<T: Accepted> FromRequest<AppState> for HeldBody<T> {
         };
         let (path, length) = (request.uri().path().to_owned(), request.body().size_hint().upper());
         let room = T::room(state, &path, length).await?;
-        let asker = Asker::of(request.headers());
+        let asker = worker(&path).map_or_else(|| Asker::of(request.headers()), Asker::of_worker);
         let mut held = if room.large { state.memory().large(asker).await? } else { state.memory().none() };
         let bytes = read(request, room.bytes, state, &mut held).await?;
         if bytes.len() <= INLINE && language == Language::Json {
@@ -164,7 +169,17 @@ async fn collect(body: Body, limit: usize, held: &mut Held) -> Result<Vec<u8>, A
     }
     let fits = body.size_hint().lower() <= limit as u64;
     let (mut all, mut length, mut parts) = (Vec::new(), 0, body.into_data_stream());
-    while let Some(part) = parts.next().await {
+    let began = Instant::now();
+    loop {
+        let part = match timeout(LOOK, parts.next()).await {
+            Ok(None) => break,
+            Ok(part) => part,
+            Err(_) => None,
+        };
+        if let Some(most) = held.pressed().filter(|most| began.elapsed() > *most) {
+            return Err(ApiError::BodyTimeout { seconds: most.as_secs() });
+        }
+        let Some(part) = part else { continue };
         let part = part.map_err(|_| ApiError::MalformedJson(vec![FieldProblem::new("", "the body broke off")]))?;
         length += part.len();
         if length > patience {
@@ -186,5 +201,40 @@ fn reserve(all: &mut Vec<u8>, length: usize, limit: usize) {
     if length > all.capacity() {
         let room = (2 * all.capacity()).clamp(length, limit.max(length));
         all.reserve_exact(room - all.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use axum::body::Bytes;
+    use futures_util::stream;
+
+    use super::*;
+    use crate::memory::{LARGE, Memory, Waits};
+
+    /// Bodies of which one byte comes, and then nothing.
+    fn endless() -> Body {
+        let first = stream::once(async { Ok::<_, Infallible>(Bytes::from_static(b" ")) });
+        Body::from_stream(first.chain(stream::pending()))
+    }
+
+    #[tokio::test]
+    async fn who_sends_slowly_holds_no_place_that_another_waits_for() {
+        let memory = Memory::new(1, Waits::of_large(Duration::from_secs(5), Duration::ZERO));
+        let mut slow = Vec::new();
+        for _ in 0..LARGE {
+            let mut held = memory.large(Asker::default()).await.expect("a place");
+            slow.push(tokio::spawn(async move { collect(endless(), 1 << 20, &mut held).await.map(drop) }));
+        }
+        tokio::time::sleep(2 * LOOK).await;
+        assert!(slow.iter().all(|one| !one.is_finished()), "nobody waits for their places");
+        memory.large(Asker::default()).await.expect("a place is given up in time");
+        let ended = slow.iter().filter(|one| one.is_finished()).count();
+        assert!(ended > 0);
+        for one in slow.into_iter().filter(tokio::task::JoinHandle::is_finished) {
+            assert!(matches!(one.await.expect("ends"), Err(ApiError::BodyTimeout { .. })));
+        }
     }
 }
