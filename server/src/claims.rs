@@ -21,6 +21,9 @@ pub(crate) enum Fault {
     /// It is not what its study asked for.
     #[error("{0}")]
     Useless(String),
+    /// It is what its study asked for, and of no use: the study is to blame.
+    #[error("{0}")]
+    Poor(String),
     /// Its study cannot be read: nobody is to blame.
     #[error("its study cannot be read: {0}")]
     Unreadable(String),

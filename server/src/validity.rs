@@ -9,6 +9,7 @@ use manduca_protocol::task::{
     Checkpoint, Estimate, FitCheckpoint, JointPowers, MeansMessage, NetworkMessage, OptimiseResult, Progress,
     Provenance, ScaledEstimates, TrainCheckpoint, TrainResult,
 };
+use manduca_protocol::text::acts;
 
 use crate::store::STROKES;
 
@@ -31,7 +32,7 @@ const ROUNDING: f64 = 1e-9;
 
 /// The beginning of a text a worker sends, without what a terminal would obey.
 pub(crate) fn cut(text: &str, most: usize) -> String {
-    text.chars().take(most).map(|c| if c.is_control() { ' ' } else { c }).collect()
+    text.chars().take(most).map(|c| if acts(c) { ' ' } else { c }).collect()
 }
 
 /// A text as it may be stored.
@@ -39,7 +40,7 @@ fn text(what: &str, text: &str) -> Result<(), String> {
     if text.chars().nth(LONGEST_TEXT).is_some() {
         return Err(format!("{what} has more than {LONGEST_TEXT} characters"));
     }
-    if text.chars().any(char::is_control) {
+    if text.chars().any(acts) {
         return Err(format!("{what} has control characters"));
     }
     Ok(())
@@ -74,6 +75,9 @@ pub(crate) fn progress(at: Progress) -> Progress {
 
 /// Whether a reason for an infeasible stroke may be stored.
 pub(crate) fn reason(why: &str) -> Result<(), String> {
+    if why.trim().is_empty() {
+        return Err("no reason is told".into());
+    }
     text("the reason", why)
 }
 
@@ -104,6 +108,9 @@ pub(crate) fn flown(
     finite("the power of the joints", each.iter().flat_map(|j| [j.aerodynamic_w, j.inertial_w, j.required_w]))?;
     if si.iter().chain(&scaled).any(|[_, se]| *se < 0.0) {
         return Err("a standard error is negative".into());
+    }
+    if each.iter().any(|j| j.required_w < 0.0) {
+        return Err("a joint requires negative power, and none is stored".into());
     }
     if strokes == 0 {
         return Err("no stroke is in the means".into());

@@ -1,7 +1,7 @@
 //! Whether an optimum lies where it may, and is what it claims to be there.
 
 use manduca_numerics::kinematics::Clearance;
-use manduca_numerics::optimise::Fitness;
+use manduca_numerics::optimise::{Fitness, GaSettings, clamped};
 use manduca_numerics::parameters::{Bounds, OUTPUTS, Point};
 use manduca_numerics::surrogate::Surrogate;
 use manduca_protocol::resolve::{ResolvedModel, ResolvedStudy};
@@ -18,6 +18,7 @@ pub(super) const TOLERANCE: f64 = 1e-6;
 pub(super) struct Asked<'s> {
     pub(super) spec: &'s OptimisationSpec,
     pub(super) bounds: Bounds,
+    pub(super) ga: GaSettings,
     pub(super) model: &'s ResolvedModel,
     clearance: Clearance,
 }
@@ -32,7 +33,7 @@ impl<'s> Asked<'s> {
         let missing = || StoreError::Corrupt(format!("the study has no optimisation {place}"));
         let (spec, resolved) = found.ok_or_else(missing)?;
         let clearance = Clearance::new(&study.model.insect, study.model.elevation_phase);
-        Ok(Self { spec, bounds: resolved.bounds, model: &study.model, clearance })
+        Ok(Self { spec, bounds: resolved.bounds, ga: resolved.ga, model: &study.model, clearance })
     }
 
     /// Checks fitness, penalty and clearance of a point with these means.
@@ -40,13 +41,7 @@ impl<'s> Asked<'s> {
         let point = &claimed.parameters.0;
         inside(&self.bounds, point)?;
         self.clear(point, claimed.clearance_mm)?;
-        let fitness = Fitness {
-            bounds: self.bounds,
-            margin_m: self.spec.margin_m(),
-            penalty_r: self.spec.penalty_r,
-            penalty_s: self.spec.penalty_s,
-        };
-        let score = fitness.judge(point, four(&claimed.predicted), claimed.clearance_mm * 1e-3);
+        let score = self.fitness().judge(point, four(&claimed.predicted), claimed.clearance_mm * 1e-3);
         for (name, claim, found) in
             [("fitness", claimed.fitness, score.fitness), ("penalty", claimed.penalty, score.penalty)]
         {
@@ -58,6 +53,21 @@ impl<'s> Asked<'s> {
             }
         }
         Ok(())
+    }
+
+    fn fitness(&self) -> Fitness {
+        Fitness {
+            bounds: self.bounds,
+            margin_m: self.spec.margin_m(),
+            penalty_r: self.spec.penalty_r,
+            penalty_s: self.spec.penalty_s,
+        }
+    }
+
+    /// Fitness of an individual which was flown with these means at the nearest point of the box.
+    pub(super) fn fitness_of(&self, individual: &Point, means: [f64; 4]) -> f64 {
+        let clearance_m = self.clearance.of(&clamped(&self.bounds, individual));
+        self.fitness().judge(individual, means, clearance_m).fitness
     }
 
     fn clear(&self, point: &Point, claimed_mm: f64) -> Result<(), Fault> {

@@ -42,7 +42,7 @@ pub(super) fn check(trained: &Trained<'_>, claimed: &TrainResult) -> Result<(), 
             known.push((found, share));
         }
     }
-    Ok(skill(&known)?)
+    skill(&known).map_err(Fault::Poor)
 }
 
 fn sample(s: &TrainSample) -> Sample {
@@ -148,7 +148,9 @@ fn skill(known: &[(Errors, Vec<Sample>)]) -> Result<(), String> {
         }
     }
     if unexplained >= outputs && outputs > 0.0 {
-        return Err("the surrogate is no better than the mean of the samples it was trained on".into());
+        return Err(
+            "the surrogate is no better than the mean of the samples it was trained on: it needs more of them".into()
+        );
     }
     Ok(())
 }

@@ -125,7 +125,7 @@ async fn task(
             compose::simulation(&row.spec, row.role, row.ordinal, &parameters)?
         }
         JobRole::Train => {
-            let checkpoint = store.checkpoint_of(row.study).await?;
+            let checkpoint = store.resumed_checkpoint(row.study).await?;
             let task = compose::train_task(&row.spec, &resolved(&row.spec)?, Vec::new(), checkpoint);
             return training::respond(&state, asker, row.study, &task).await;
         }

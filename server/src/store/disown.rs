@@ -116,6 +116,7 @@ async fn drop_unfinished(work: &mut Work<'_>, worker: WorkerId) -> Result<(), St
     let worker_bytes = worker.0.as_bytes().as_slice();
     for drop in [
         "delete from checkpoints where job in (select job from jobs where worker = ? and state = 'leased')",
+        "delete from checkpoints where worker = ?",
         "delete from unchecked_results where worker = ?",
     ] {
         sqlx::query(drop).bind(worker_bytes).execute(&mut *work.db).await?;
@@ -128,13 +129,15 @@ async fn drop_unfinished(work: &mut Work<'_>, worker: WorkerId) -> Result<(), St
 /// study still samples.
 async fn list_touched(db: &mut SqliteConnection, worker: WorkerId) -> Result<(), StoreError> {
     sqlx::query(
-        "insert into touched
+        "with own as materialized (
+             select r.job from worked as w cross join jobs as j on j.study = w.study
+             cross join results as r on r.job = j.job where w.worker = ?1 and r.worker = ?1)
+         insert into touched
          select j.job, d.owner, j.study, j.role, j.ordinal,
                 s.stage = 'sampling' and s.condition in ('running', 'paused', 'failed')
-         from (select job as owner, job from results where worker = ?1
+         from (select job as owner, job from own
                union all
-               select r.job, same.job from results as r cross join jobs as same on same.result_of = r.job
-               where r.worker = ?1) as d
+               select own.job, same.job from own cross join jobs as same on same.result_of = own.job) as d
          cross join jobs as j on j.job = d.job
          cross join studies as s on s.study = j.study
          where not exists (select 1 from disowned as o where o.job = j.job)",

@@ -5,6 +5,7 @@ use manduca_protocol::view::JobState;
 use manduca_protocol::worker::{Failure, Fault};
 
 use super::blame::{self, Failed};
+use super::checkpoint::drop_inherited;
 use super::complete::{JobRow, NO_JOB, NOT_PRESENT, find_job};
 use super::workers::Tallies;
 use super::{StoreError, Work};
@@ -74,7 +75,13 @@ pub(super) async fn fail_attempt(
     };
     let (failures, losses) = (job.failures + u32::from(!expired), job.losses + u32::from(expired));
     let dead = match cause {
-        Cause::Failed(failed) => blame::note(work, job.job, job.attempt, failures, failed, tallies).await?,
+        Cause::Failed(mut failed) => {
+            // It went on from what another computed, which may be to blame.
+            if drop_inherited(work, job, failed.worker).await? && failed.fault == Fault::Machine {
+                failed.fault = Fault::Failed;
+            }
+            blame::note(work, job.job, job.attempt, failures, failed, tallies).await?
+        }
         Cause::Expired(_) => losses >= work.config.max_losses,
     };
     let (state, not_before) = match (dead, expired) {

@@ -1,7 +1,10 @@
 //! What a study must bear out of a simulation's result: cheap, for the writer asks it of each.
 
+use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
+use manduca_numerics::insect::Insect;
+use manduca_numerics::parameters::OUTPUTS;
 use manduca_numerics::simulation::Model;
 use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
@@ -13,12 +16,31 @@ use crate::validity::Flown;
 /// Relative error of a scaled mean times its scale.
 const ROUNDING: f64 = 1e-9;
 
+/// Place of the frequency in the table of parameters.
+const FREQUENCY: usize = 0;
+/// Times the loads of the fastest stroke there can be beyond which a result is nonsense.
+const NONSENSE: f64 = 100.0;
+
+/// Force (N), moment (N m) and power (W) which no stroke up to this frequency comes near. Three angles of up to pi
+/// move the tip at V = 6 pi² f R at most, and the force of both wings is 100 times 2 rho R c V (V/2 + c f).
+fn most(insect: &Insect, frequency_hz: f64) -> [f64; 3] {
+    let arm = insect.wing_length_m + insect.hinge_offset_m.abs();
+    let speed = 6.0 * PI * PI * frequency_hz * arm;
+    let area = insect.wing_length_m * insect.mean_chord_m;
+    let scale = insect.air_density_kg_m3 * area * speed * (0.5 * speed + insect.mean_chord_m * frequency_hz);
+    let wing = insect.wing_mass_kg * arm * (2.0 * PI * frequency_hz).powi(2) * PI;
+    let force = NONSENSE * 2.0 * (scale + wing);
+    [force, force * (arm + 1.0), force * speed]
+}
+
 /// What the results of one study must agree with.
 #[derive(Debug, Clone)]
 pub(crate) struct Limits {
     /// What the four means are divided by.
     scales: [f64; 4],
     model: Model,
+    /// What no stroke of the study comes near: force (N), moment (N m) and power (W), of both wings.
+    most: [f64; 3],
     /// Least strokes of the optimum flown again, by the place of its optimisation.
     verify_strokes: Vec<usize>,
 }
@@ -28,7 +50,9 @@ impl Limits {
     pub(super) fn of(spec: &StudySpec) -> Option<Self> {
         let model = resolve::model(&spec.model, "/model").ok()?;
         let verify_strokes = spec.optimisations.iter().map(|o| o.verify_strokes as usize).collect();
-        Some(Self { scales: model.insect.scales(), model: model.model, verify_strokes })
+        let bounds = resolve::study(spec).ok()?.bounds;
+        let most = most(&model.insect, bounds.upper[FREQUENCY]);
+        Some(Self { scales: model.insect.scales(), model: model.model, most, verify_strokes })
     }
 
     /// Checks the means of a flight.
@@ -43,6 +67,13 @@ impl Limits {
                 if error.is_nan() || error > ROUNDING * value.abs().max(claimed.abs()) {
                     return Err(format!("a scaled mean of {over} is not {value} over the scale {scale}"));
                 }
+            }
+        }
+        let [force, moment, power] = self.most;
+        for ((value, most), output) in flown.si.iter().zip([force, force, moment, power]).zip(&OUTPUTS) {
+            if value.iter().any(|number| number.abs() > most) {
+                let why = format!("an {} of {} +- {} is more than any wing gives", output.0, value[0], value[1]);
+                return Err(why);
             }
         }
         let possible = self.strokes(role, ordinal);

@@ -4,8 +4,10 @@
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::task::{JobKind, Provenance};
 use manduca_protocol::view::{JobRole, JobState};
+use manduca_protocol::worker::Fault;
 
 use super::advance::advance_ended;
+use super::blame::Failed;
 use super::complete::{JobRow, Outcome, Prepared, find_job};
 use super::disown::disown;
 use super::evidence::{Class, refuse, settle};
@@ -15,7 +17,7 @@ use super::names::{kind_of, named, role_name, unsigned, uuid};
 use super::unreadable::fail_unreadable;
 use super::workers::add_to_tallies;
 use super::{Operation, Store, StoreError, Work};
-use crate::claims::Fault;
+use crate::claims;
 use crate::config::millis;
 use crate::event::Event;
 
@@ -139,7 +141,7 @@ pub(crate) struct Checked {
     pub(crate) job: JobId,
     pub(crate) attempt: u32,
     /// Why it is of no use, if it is not.
-    pub(crate) fault: Option<Fault>,
+    pub(crate) fault: Option<claims::Fault>,
 }
 
 impl Operation for Checked {
@@ -165,17 +167,21 @@ impl Operation for Checked {
                 let finished = Finish::of(&mut job, worker, &result, ended, &mut effects, work.events);
                 store(work, vec![finished], &mut Book::default(), &mut effects).await?;
             }
-            Some(Fault::Unreadable(why)) => {
+            Some(claims::Fault::Unreadable(why)) => {
                 give_back(work, self.job).await?;
                 return fail_unreadable(work, job.study, &why).await;
             }
             Some(fault) => {
                 let why = fault.to_string();
                 refuse(work, &mut effects.evidence, worker, &result, Class::Refused, &why).await?;
-                fail_unusable(work, &job, worker, &why, &mut effects).await?;
+                let blamed = match &fault {
+                    claims::Fault::Poor(_) => Fault::Refused,
+                    _ => Fault::Machine,
+                };
+                fail_unusable(work, &job, Failed { worker, fault: blamed, reason: &why }, &mut effects).await?;
                 forget_holder(work, self.job).await?;
                 // Nothing of who claims what is not so is believed.
-                if let Fault::False(why) = &fault {
+                if let claims::Fault::False(why) = &fault {
                     disown(work, worker, &format!("its result of job {}: {why}", self.job)).await?;
                 }
             }

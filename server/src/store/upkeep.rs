@@ -119,6 +119,7 @@ pub(crate) async fn delete_study(db: &mut SqliteConnection, study: i64) -> Resul
         "delete from audits where study = ?",
         "delete from disowned where study = ?",
         "delete from replaced where study = ?",
+        "delete from worked where study = ?",
         "delete from unchecked_results where job in (select job from jobs where study = ?)",
         "delete from checkpoints where job in (select job from jobs where study = ?)",
         "delete from results where job in (select job from jobs where study = ?)",
@@ -175,7 +176,7 @@ const MOST_FORGOTTEN: usize = 1000;
 pub(crate) async fn list_forgotten(db: &mut SqliteConnection, now: i64) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar(
         "select hex(id) from workers where (left_ms < ?1 or last_seen_ms < ?2)
-           and id not in (select worker from jobs where worker is not null) and id not in (select worker from results)
+           and id not in (select worker from jobs where worker is not null) and id not in (select worker from worked)
            and id not in (select worker from refused_results) and id not in (select worker from failures)",
     )
     .bind(now - GONE_MS)

@@ -117,10 +117,12 @@ pub(super) fn search_asks(round: u32, flown: &Value, frequencies: &[f64]) -> Val
     })
 }
 
-/// A generation which asks for strokes of these frequencies.
+/// A generation of 8 which asks for strokes of these frequencies: the first, or the one after it.
 pub(super) fn generation_asks(told: u32, frequencies: &[f64]) -> Value {
     let strokes: Vec<Value> = frequencies.iter().map(|f| parameters(*f)).collect();
-    let state = json!({ "search": "breed", "genes": [vec![0.5; 10]], "elite": [null], "history": [[1.5, null]],
+    // None of them is an individual's, so that after the first generation none has a fitness.
+    let (elite, history) = if told == 0 { (json!([]), json!([])) } else { (json!([null]), json!([[null, null]])) };
+    let state = json!({ "search": "breed", "genes": vec![[0.5; 10]; 8], "elite": elite, "history": history,
         "best": null, "champion": null, "simulations": told });
     json!({
         "kind": "search", "next": { "next": "fly", "state": state, "strokes": strokes }, "standing": standing(told),

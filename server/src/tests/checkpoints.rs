@@ -80,3 +80,53 @@ async fn a_checkpoint_is_kept_until_its_job_ends() {
     assert_eq!(bench.get(&path).await.json()["checkpoint"], Value::Null);
     assert!(bench.get(&format!("{study}/surrogate")).await.json()["test"].is_object());
 }
+
+#[tokio::test]
+async fn what_is_told_of_a_job_under_way_is_bounded() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("w").await;
+    let (study, lease) = training(&bench, &worker, &study(20, &[])).await;
+    let note = format!("\u{1b}]0;title\u{7}{}", "x".repeat(100_000));
+    let renewal = json!({ "renew": [{ "job": lease.job, "attempt": lease.attempt,
+                                      "progress": { "done": 1, "total": 2, "note": note } }] });
+    assert_eq!(bench.exchange(&worker, renewal).await.cancel, []);
+    let view = bench.view(&study).await;
+    let told = view["progress"]["note"].as_str().unwrap_or_else(|| panic!("{view}"));
+    assert!(told.starts_with(" ]0;title x") && told.len() == 2000, "{}", told.len());
+    assert!(!told.chars().any(char::is_control), "{}", &told[..20]);
+
+    // A checkpoint which no training has is left out, and its lease lives on.
+    bench.exchange(&worker, at(&lease, checkpoint(3))).await;
+    let mut large = checkpoint(1);
+    large["members"] = json!(vec![json!({ "network": checkpoint(0)["network"], "curve": [], "best_iteration": 0,
+                                          "stopped": "x".repeat(3000) })]);
+    let mut wide = checkpoint(1);
+    wide["network"]["hidden_biases"] = json!(vec![0.0; 5000]);
+    for wrong in [checkpoint(10_001), large, wide] {
+        assert_eq!(bench.exchange(&worker, at(&lease, wrong)).await.cancel, []);
+        let curve = bench.get(&format!("{study}/surrogate")).await.json()["curve"].as_array().map(Vec::len);
+        assert_eq!(curve, Some(4));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_training_which_fails_from_anothers_checkpoint_begins_anew() {
+    let bench = Bench::open().await;
+    let (liar, honest) = (bench.worker("liar").await, bench.worker("honest").await);
+    let (_, first) = training(&bench, &liar, &study(20, &[])).await;
+    bench.exchange(&liar, at(&first, checkpoint(3))).await;
+    assert_eq!(bench.delete(&liar).await.status.as_u16(), 204);
+    let second = bench.claim(&honest, 1).await.remove(0);
+    let path = format!("/v1/jobs/{}/task", second.job);
+    assert!(bench.get(&path).await.json()["checkpoint"].is_object(), "it goes on from there");
+    // Its own checkpoints are made of it.
+    bench.exchange(&honest, at(&second, checkpoint(4))).await;
+    bench.fail(&honest, &second, "non-finite result").await;
+    let explained = bench.get(&format!("/v1/jobs/{}/explain", second.job)).await.json();
+    assert_eq!(explained["failed_attempts"][0]["fault"], "failed", "its machine is not to blame: {explained}");
+    bench.pass(10.0).await;
+    let third = bench.claim(&honest, 1).await.remove(0);
+    assert_eq!(bench.get(&path).await.json()["checkpoint"], Value::Null);
+    bench.complete(&honest, &third, trained()).await;
+    bench.check_counts().await;
+}

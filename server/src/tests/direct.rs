@@ -1,5 +1,10 @@
 //! Optimisations whose fitness is flown.
 
+use manduca_numerics::insect::Insect;
+use manduca_numerics::kinematics::{Clearance, ElevationPhase};
+use manduca_numerics::optimise::Fitness;
+use manduca_numerics::parameters::Bounds;
+use manduca_protocol::point::ParameterValues;
 use manduca_protocol::task::{JobKind, Task};
 use manduca_protocol::view::JobRole;
 use manduca_protocol::worker::Lease;
@@ -67,7 +72,7 @@ async fn generations_are_flown_verified_and_refined_without_a_network() {
     let bench = bench.restart(Duration::from_secs(5)).await;
     bench.complete(&worker, &strokes[2], result(&strokes[2])).await;
     let (second, asked) = round(&bench, &worker).await;
-    assert_eq!((&asked["state"]["history"], asked["flown"].as_array().map(Vec::len)), (&json!([[1.5, null]]), Some(3)));
+    assert_eq!((&asked["state"]["genes"][7][0], asked["flown"].as_array().map(Vec::len)), (&json!(0.5), Some(3)));
     assert!(asked["flown"][1]["scaled"].is_null() && asked["flown"][2]["scaled"].is_object(), "{asked}");
 
     // A stroke flown in an earlier generation is not flown again.
@@ -178,5 +183,102 @@ async fn only_direct_optimisations_do_without_samples() {
         large["optimisations"][0][field] = json!(most + 1);
         let refused = bench.post("/v1/studies", large.to_string()).await.problem(422, "invalid-study");
         assert_eq!(refused, [format!("/optimisations/0/{field}")]);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_asks_for_strokes_inside_the_bounds_alone() {
+    let bench = Bench::open().await;
+    let study = bench.submit(&direct(0)).await;
+    for (i, strokes) in [&[20.0, 1e9][..], &[20.0; 9]].into_iter().enumerate() {
+        let worker = bench.worker(&format!("w{i}")).await;
+        let (round, _) = round(&bench, &worker).await;
+        let told = bench.complete(&worker, &round, generation_asks(0, strokes)).await;
+        let why = &told.rejected[0].reason;
+        assert!(why.contains("outside the bounds") || why.contains("9 strokes are asked for"), "{why}");
+        assert_eq!(bench.view(&study).await["stage_jobs"]["ready"].as_u64().unwrap_or_default(), 0, "none is flown");
+        bench.pass(61.0).await;
+    }
+    // Whoever is at fault, an honest worker does it.
+    let worker = bench.worker("honest").await;
+    let (round, _) = round(&bench, &worker).await;
+    assert_eq!(bench.complete(&worker, &round, generation_asks(0, &[20.0])).await.accepted.len(), 1);
+    bench.check_counts().await;
+}
+
+/// Completes a round with a state changed in these fields.
+async fn changed(bench: &Bench, worker: &str, lease: &Lease, asks: &Value, fields: Value) -> Option<String> {
+    let mut asks = asks.clone();
+    for (field, value) in fields.as_object().expect("fields") {
+        asks["next"]["state"][field] = value.clone();
+    }
+    let told = bench.complete(worker, lease, asks).await;
+    assert_eq!(told.accepted.len() + told.rejected.len(), 1);
+    told.rejected.first().map(|refused| refused.reason.clone())
+}
+
+/// A round of a forger, who is refused.
+async fn forge(bench: &Bench, asks: &Value, fields: Value, why: &str) {
+    let forger = bench.worker("forger").await;
+    let (lease, _) = round(bench, &forger).await;
+    let told = changed(bench, &forger, &lease, asks, fields).await;
+    assert!(told.as_ref().is_some_and(|told| told.contains(why)), "{why}: {told:?}");
+    bench.pass(61.0).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_first_generation_has_no_fitness() {
+    for (fields, why) in [
+        (json!({ "elite": [0.9] }), "does not fit its search: its elite"),
+        (json!({ "elite": [0.9], "history": [[0.9, 0.9]] }), "does not follow from the round before"),
+    ] {
+        let bench = Bench::open().await;
+        bench.submit(&direct(0)).await;
+        let asks = generation_asks(0, &[20.0]);
+        forge(&bench, &asks, fields, why).await;
+        let honest = bench.worker("honest").await;
+        let (lease, _) = round(&bench, &honest).await;
+        assert_eq!(changed(&bench, &honest, &lease, &asks, json!({})).await, None);
+        bench.check_counts().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_carries_on_what_was_flown_alone() {
+    let middle = Bounds::default().from_unit(&[0.5; 10]);
+    let unknown = "a fitness that no flown stroke has";
+    for (fields, why) in [
+        (json!({ "elite": [null, null] }), "does not fit its search: its elite"),
+        (json!({ "elite": [-1e300] }), unknown),
+        (json!({ "elite": [0.9] }), unknown),
+        (json!({ "history": [[0.9, 0.9]] }), unknown),
+        (json!({ "best": [middle, 0.9] }), unknown),
+        (json!({ "simulations": 2 }), "2 strokes are claimed to be flown, not 0 to 1"),
+    ] {
+        let bench = Bench::open().await;
+        bench.submit(&direct(0)).await;
+        let honest = bench.worker("honest").await;
+        let (lease, _) = round(&bench, &honest).await;
+        let mut asks = generation_asks(0, &[20.0]);
+        asks["next"]["strokes"] = json!([ParameterValues(middle)]);
+        assert_eq!(changed(&bench, &honest, &lease, &asks, json!({})).await, None);
+        let stroke = bench.claim(&honest, 9).await.remove(0);
+        bench.complete(&honest, &stroke, result(&stroke)).await;
+
+        let asks = generation_asks(1, &[23.0]);
+        forge(&bench, &asks, fields, why).await;
+        // The fitness which the stroke has is accepted.
+        let (lease, asked) = round(&bench, &honest).await;
+        let flown = &asked["flown"][0];
+        let means =
+            ["lift", "drag", "pitch_moment", "power"].map(|of| flown["scaled"][of]["mean"].as_f64().expect("a mean"));
+        let clearance_m = Clearance::new(&Insect::default(), ElevationPhase::Plus).of(&middle);
+        let fitness = Fitness { bounds: Bounds::default(), margin_m: 0.0, penalty_r: 2.0, penalty_s: 5.0 };
+        let fitness = fitness.judge(&middle, means, clearance_m).fitness;
+        let fields = json!({ "elite": [fitness], "history": [[fitness, fitness]],
+            "best": [middle, fitness], "champion": flown });
+        assert_eq!(changed(&bench, &honest, &lease, &asks, fields).await, None);
+        assert_eq!(bench.claim(&honest, 9).await[0].kind, JobKind::Simulate);
+        bench.check_counts().await;
     }
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use manduca_numerics::simulation;
+use manduca_numerics::surrogate::Split;
 use manduca_protocol::resolve;
 use manduca_protocol::task::{JobKind, SimulateOutcome, SimulateResult, Task};
 use manduca_protocol::worker::Lease;
@@ -163,6 +164,49 @@ async fn a_surrogate_of_no_use_is_refused_without_accusing_anybody() {
     assert!(told.rejected[0].reason.contains("no longer"), "{:?}", told.rejected);
     assert_eq!(seen(&bench, "w").await.get("set_aside"), None);
     bench.check_counts().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_study_from_which_nothing_can_be_learnt_strikes_nobody() {
+    let bench = Bench::open().await;
+    let worker = bench.worker("lone").await;
+    for seed in 1..8 {
+        let mut hopeless = study(20, &[]);
+        hopeless["seed"] = json!(seed);
+        let path = bench.submit(&hopeless).await;
+        let samples = bench.claim(&worker, 20).await;
+        let results: Vec<_> = samples.iter().map(|lease| completion(lease, answers::result(lease))).collect();
+        bench.exchange(&worker, json!({ "complete": results })).await;
+        let training = bench.claim(&worker, 1).await.remove(0);
+        let told = bench.complete(&worker, &training, constant(&bench, &training, seed).await).await;
+        assert!(told.rejected[0].reason.contains("no better than the mean"), "{:?}", told.rejected);
+        let view = bench.view(&path).await;
+        assert!(view["state"] == "failed" && view["failure"].to_string().contains("needs more of them"), "{view}");
+    }
+    let seen = seen(&bench, "lone").await;
+    assert_eq!((seen.get("set_aside"), &seen["strikes"]), (None, &json!(0)), "{seen}");
+    let mut other = study(20, &[]);
+    other["seed"] = json!(99);
+    bench.submit(&other).await;
+    assert_eq!(bench.claim(&worker, 20).await.len(), 20, "it still has jobs");
+}
+
+/// A training that predicts one number, and says truly how it errs.
+async fn constant(bench: &Bench, lease: &Lease, seed: u64) -> Value {
+    let task = bench.get(&format!("/v1/jobs/{}/task", lease.job)).await.json();
+    let lift: Vec<f64> =
+        task["dataset"].as_array().expect("samples").iter().map(|s| s["y"][0].as_f64().unwrap()).collect();
+    let mut training = answers::trained();
+    let network = &mut training["surrogate"]["networks"][0];
+    network["output_weights"] = json!(vec![0.0; 8]);
+    let told = network["output_biases"][0].as_f64().unwrap() + 1.0;
+    network["output_biases"][0] = json!(told);
+    let split = Split::new(lift.len(), 0.8, 0.1, seed);
+    for (name, share) in [("train", &split.train), ("validation", &split.validation), ("test", &split.test)] {
+        let squares: f64 = share.iter().map(|&i| (lift[i] - told).powi(2)).sum();
+        training[name]["rmse"]["lift"] = json!((squares / share.len() as f64).sqrt());
+    }
+    training
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -114,7 +114,7 @@ fn answer(line: &str, say: &mut dyn FnMut(&Message)) {
             Message::Done { result, provenance }
         }
         Ok(Err(error)) => Message::Failed { reason: error.to_string(), fault: error.fault() },
-        Err(payload) => Message::Failed { reason: panic_reason(payload.as_ref()), fault: Fault::Machine },
+        Err(payload) => Message::Failed { reason: panic_reason(payload.as_ref()), fault: Fault::Failed },
     });
 }
 

@@ -74,11 +74,13 @@ impl Slot {
             }
             () = tokio::time::sleep(limit) => {
                 self.kill().await;
-                Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()), Fault::Machine)
+                // As a rule the job is too long for any machine.
+                Outcome::Failed(format!("exceeded its run limit of {} s", limit.as_secs_f64()), Fault::Failed)
             }
             answer = self.converse(task, news) => match answer {
                 Ok(outcome) => outcome,
-                Err(trouble) => Outcome::Failed(self.bury(trouble).await, Fault::Machine),
+                // A task too large for the memory ends its process too: should it be the machine, others will tell.
+                Err(trouble) => Outcome::Failed(self.bury(trouble).await, Fault::Failed),
             }
         }
     }

@@ -28,7 +28,7 @@ pub(super) async fn take(work: &mut Work<'_>, parties: &mut [Party<'_>]) -> Resu
             let renewal = &prepared.renewal;
             let held = (renewal.job.0, i64::from(renewal.attempt), worker.0.as_bytes().to_vec());
             if renewed.contains(&held) {
-                save(work, prepared).await?;
+                save(work, worker, prepared).await?;
             } else {
                 party.told.cancel.push(renewal.job);
             }

@@ -127,7 +127,8 @@ pub(super) async fn take(
                 Judged::Unusable(reason) => {
                     refuse(work, &mut effects.evidence, worker, result, Class::Refused, &reason).await?;
                     if let Some(job) = book.jobs.get(&result.job) {
-                        fail_unusable(work, job, worker, &reason, effects).await?;
+                        let failed = Failed { worker, fault: Fault::Machine, reason: &reason };
+                        fail_unusable(work, job, failed, effects).await?;
                     }
                     book.stale.insert(result.job);
                     told.rejected.push(Rejected { job: result.job, reason });
@@ -163,16 +164,14 @@ fn note(effects: &mut Effects, job: &JobRow, worker: WorkerId) {
 pub(in crate::store) async fn fail_unusable(
     work: &mut Work<'_>,
     job: &JobRow,
-    worker: WorkerId,
-    reason: &str,
+    failed: Failed<'_>,
     effects: &mut Effects,
 ) -> Result<(), StoreError> {
     let leased = job.state == JobState::Leased;
     if leased {
-        let failed = Failed { worker, fault: Fault::Machine, reason };
         fail_attempt(work, job, Cause::Failed(failed), &mut effects.tallies).await?;
     }
-    let tally = effects.tallies.entry(worker).or_default();
+    let tally = effects.tallies.entry(failed.worker).or_default();
     tally.failed += 1;
     tally.released += u32::from(leased);
     effects.moved.insert(job.study);
