@@ -70,7 +70,7 @@ fn of_call(cause: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
              names another",
         ),
         CallError::Refused(problem) => match problem.status {
-            401 => Some("give a token by --token-file FILE or MANDUCA_TOKEN; `manduca token create` makes one there"),
+            401 => Some("MANDUCA_TOKEN or --token-file FILE gives a token; `manduca token create` makes one there"),
             404 if problem.kind.ends_with("not-yet") => Some("`manduca study watch STUDY` follows it until there is"),
             404 if problem.kind.ends_with("unknown-study") => Some("`manduca study list` shows which there are"),
             429 | 503 => Some("the same line a little later may do"),

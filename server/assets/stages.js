@@ -47,6 +47,15 @@ function far(study) {
   return [jobs.succeeded + jobs.infeasible, all];
 }
 
+/** Whether an optimum as flown carries the weight, without drag or moment: to 0.01 and twice its standard errors. */
+function inTrim(optimum) {
+  const flown = optimum.search?.standing.best?.scaled ?? optimum.simulated;
+  if (!flown?.lift) return false;
+  const { lift, drag, pitch_moment: moment } = flown;
+  const off = Math.abs(1 - lift.mean) + Math.abs(drag.mean) + Math.abs(moment.mean);
+  return off <= 0.01 + 2 * (lift.se + drag.se + moment.se);
+}
+
 function facts(study) {
   const pairs = [];
   const add = (name, value) => value !== null && value !== undefined && value !== "-" && pairs.push([name, value]);
@@ -59,7 +68,7 @@ function facts(study) {
   if (study.samples.infeasible) add("Cannot be flown", whole(study.samples.infeasible));
   if (study.samples.dead) add("Given up", whole(study.samples.dead));
   if (study.surrogate) add("Test error of P+ (rms)", digits(study.surrogate.rmse.power, 3));
-  const known = study.optimisations.map((o) => o.search?.standing.power_per_lift_w_per_n ?? o.simulated?.power_per_lift_w_per_n).filter(Boolean);
+  const known = study.optimisations.filter(inTrim).map((o) => o.search?.standing.power_per_lift_w_per_n ?? o.simulated?.power_per_lift_w_per_n).filter(Boolean);
   if (known.length) add("Best P/L", `${digits(Math.min(...known), 4)} W/N`);
   return h("dl", { class: "facts" }, pairs.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))));
 }

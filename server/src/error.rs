@@ -32,7 +32,9 @@ pub enum ApiError {
     #[error("this Idempotency-Key was used for another study")]
     IdempotencyKeyReused,
     /// No token came with it, or one which is not known.
-    #[error("this coordinator asks for a token: `Authorization: Bearer ...`")]
+    #[error(
+        "this coordinator asks for a token (`Authorization: Bearer ...`); none came, or one that is unknown or revoked"
+    )]
     Unauthenticated,
     /// The token does not allow this.
     #[error("the token does not allow this; it needs the scope `{0}`")]

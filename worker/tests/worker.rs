@@ -193,7 +193,7 @@ async fn a_worker_leaves_by_itself_when_idle_or_when_its_time_is_over() {
     coordinator.queue(4..=5);
     let slow = format!("while read task; do sleep 2; echo '{DONE}'; done");
     let mut timed = settings(&coordinator, &slow);
-    timed.max_runtime = Some(Duration::from_millis(500));
+    timed.max_runtime = Some(Duration::from_millis(1500));
     let summary = tokio::time::timeout(Duration::from_secs(20), start(timed).1).await.unwrap();
     assert_eq!(summary.unwrap().unwrap().completed, 2, "what it had taken it finished");
     coordinator.see(|s| assert_eq!(s.left, 2));

@@ -85,7 +85,7 @@ pub struct PruneArgs {
 /// `manduca workers ...`.
 #[derive(Debug, Subcommand)]
 pub enum WorkersCommand {
-    /// List the workers heard of within a day.
+    /// List the workers which are there, heard of within a day.
     List(WorkerListArgs),
     /// Ask workers to finish what they have and leave.
     Drain(DrainArgs),
@@ -171,13 +171,20 @@ pub struct DrainArgs {
 #[derive(Debug, Args)]
 pub struct ExplainArgs {
     /// Number of the job.
-    #[arg(value_name = "JOB")]
+    #[arg(value_name = "JOB", value_parser = job_number)]
     pub job: i64,
     #[command(flatten)]
     pub coordinator: Coordinator,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
+}
+
+/// The number of a job.
+fn job_number(text: &str) -> Result<i64, String> {
+    text.parse().map_err(|_| {
+        "a job has a number, such as 17; `manduca dataset STUDY --provenance` tells those of its samples".into()
+    })
 }
 
 /// `manduca doctor`.

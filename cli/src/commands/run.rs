@@ -31,6 +31,8 @@ const LAST_BREATH: Duration = Duration::from_secs(15);
 /// Does a whole study.
 pub async fn run(args: RunArgs) -> Result<ExitCode> {
     let spec = study_file::load(&args.study)?;
+    // Before anything is made.
+    super::worker::settings(String::new(), args.slots, None)?;
     let shutdown = signals::shutdown();
     let database = args.data.join(DATABASE);
     let service = tokio::select! {

@@ -45,9 +45,10 @@ impl Workless {
             return None;
         }
         self.said = Some(now);
-        let kept = if there.workers > 0 { " which may be given jobs" } else { "" };
+        let kept =
+            if there.workers > 0 { " which may be given jobs; `manduca workers list` says why, and" } else { ":" };
         Some(format!(
-            "{} jobs wait and there is no worker{kept}: `manduca worker --coordinator {address}` starts one",
+            "{} jobs wait and there is no worker{kept} `manduca worker --coordinator {address}` starts one",
             there.ready_jobs + there.delayed_jobs
         ))
     }

@@ -2,6 +2,7 @@
 
 use super::Network;
 use super::random::{Streams, shuffle, uniform};
+use super::settings::FEWEST;
 use crate::math;
 use crate::parameters::{Bounds, COUNT};
 
@@ -35,11 +36,26 @@ pub(crate) fn sizes(count: usize, train_share: f64, validation_share: f64) -> [u
     [train, validation, count - train - validation]
 }
 
+/// [`sizes`], with samples moved from the largest part to those which have fewer than `fewest`, as far as there are
+/// any: some strokes of a study may turn out not to fly.
+pub(crate) fn filled(count: usize, train_share: f64, validation_share: f64, fewest: usize) -> [usize; 3] {
+    let mut sizes = sizes(count, train_share, validation_share);
+    if count < 3 * fewest {
+        return sizes;
+    }
+    while let Some(short) = sizes.iter().position(|size| *size < fewest) {
+        let largest = (0..3).max_by_key(|part| sizes[*part]).unwrap_or(0);
+        sizes[largest] -= 1;
+        sizes[short] += 1;
+    }
+    sizes
+}
+
 /// A random split of `count` samples by the given shares; the rest is for testing.
 pub(crate) fn split(count: usize, train_share: f64, validation_share: f64, seed: u64) -> Split {
     let mut order: Vec<usize> = (0..count).collect();
     shuffle(&mut order, &mut Streams::new(seed).stream(SPLIT_STREAM));
-    let [train, validation, _] = sizes(count, train_share, validation_share);
+    let [train, validation, _] = filled(count, train_share, validation_share, FEWEST);
     let sorted = |slice: &[usize]| {
         let mut indices = slice.to_vec();
         indices.sort_unstable();
@@ -103,6 +119,14 @@ mod tests {
         assert_eq!(all, (0..101).collect::<Vec<_>>());
         assert_eq!(s, split(101, 0.8, 0.1, 5));
         assert_ne!(s, split(101, 0.8, 0.1, 6));
+    }
+
+    #[test]
+    fn a_part_which_would_be_too_small_is_filled() {
+        assert_eq!(filled(101, 0.8, 0.1, 2), sizes(101, 0.8, 0.1));
+        assert_eq!((sizes(30, 0.9, 0.05), filled(30, 0.9, 0.05, 2)), ([27, 2, 1], [26, 2, 2]));
+        assert_eq!(filled(6, 0.9, 0.05, 2), [2, 2, 2]);
+        assert_eq!(filled(5, 0.8, 0.1, 2), sizes(5, 0.8, 0.1), "there are too few for three parts");
     }
 
     #[test]

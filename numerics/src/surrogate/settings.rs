@@ -12,7 +12,7 @@ const MOST_NEURONS: usize = 2000;
 const MOST_NETWORKS: usize = 64;
 
 /// Fewest samples in each part of the split.
-const FEWEST: usize = 2;
+pub(super) const FEWEST: usize = 2;
 
 /// How the weights are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -153,11 +153,20 @@ pub enum TrainError {
 /// # Errors
 /// When the shares make no split, or one with a part of fewer than two samples.
 pub fn check_sizes(samples: usize, settings: &TrainSettings) -> Result<[usize; 3], TrainError> {
+    checked(samples, settings, initial::sizes)
+}
+
+/// [`check_sizes`] of parts which something has cut.
+fn checked(
+    samples: usize,
+    settings: &TrainSettings,
+    cut: impl Fn(usize, f64, f64) -> [usize; 3],
+) -> Result<[usize; 3], TrainError> {
     let (train, validation) = (settings.train_share, settings.validation_share);
     if !(train > 0.0 && validation > 0.0 && train + validation < 1.0) {
         return Err(TrainError::Shares { train, validation });
     }
-    let sizes = initial::sizes(samples, train, validation);
+    let sizes = cut(samples, train, validation);
     for (part, found) in [Part::Training, Part::Validation, Part::Testing].into_iter().zip(sizes) {
         if found < FEWEST {
             return Err(TrainError::TooFewSamples { samples, part, found });
@@ -185,7 +194,7 @@ pub(crate) fn checked_split(
     if let Some(index) = samples.iter().position(|s| !s.x.iter().chain(&s.y).chain(&s.se).all(sound)) {
         return Err(TrainError::NotFinite { index });
     }
-    check_sizes(samples.len(), settings)?;
+    checked(samples.len(), settings, |count, train, validation| initial::filled(count, train, validation, FEWEST))?;
     Ok(initial::split(samples.len(), settings.train_share, settings.validation_share, settings.seed))
 }
 
@@ -201,6 +210,10 @@ pub(crate) fn check_checkpoint(at: &Checkpoint, inside: &Bounds, settings: &Trai
         return refused("its networks have another shape");
     }
     let numbers = [at.objective, at.damping, at.growth];
+    let iterations = at.members.iter().map(|m| m.curve.len()).chain([at.curve.len()]);
+    if iterations.max().unwrap_or_default() > settings.max_iterations + 1 {
+        return refused("it has more iterations than are asked for");
+    }
     if at.curve.is_empty() || !numbers.iter().all(|v| v.is_finite() && *v >= 0.0) {
         return refused("its numbers are none");
     }

@@ -195,7 +195,7 @@ fn what_cannot_be_trained_is_refused() {
         run(samples, bounds, settings, &mut go).map(|_| ())
     };
     assert!(run(&good, &bounds, &settings).is_ok());
-    for few in [0, 1, 5, 9] {
+    for few in [0, 1, 5] {
         let error = run(&good[..few], &bounds, &settings);
         assert!(matches!(error, Err(TrainError::TooFewSamples { .. })), "{few}: {error:?}");
     }

@@ -76,6 +76,7 @@ impl Offline {
         // Each by itself: where one table is damaged the others are still looked at.
         let parts = [
             ("studies", check.studies(db).await),
+            ("studies, study_counts, workers or refused_results", check.numbers(db).await),
             ("jobs", check.jobs(db).await),
             ("results", check.results(db).await),
             ("refused_results", check.refused(db).await),
@@ -196,6 +197,41 @@ impl Check {
             if row.solver_version.as_deref() == Some(SOLVER_VERSION.as_bytes()) {
                 self.specs.insert(study, spec);
             }
+        }
+        Ok(())
+    }
+
+    /// What nothing else follows from, but without which a row cannot be shown or worked with.
+    async fn numbers(&mut self, db: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        let cut = sqlx::query_scalar("select study from studies where length(secret) is not 32 order by study");
+        let cut: Vec<i64> = cut.fetch_all(&mut *db).await?;
+        for study in cut {
+            self.expect(false, "studies have a secret that is cut", format_args!("study {study}"));
+        }
+        let below = sqlx::query_scalar("select study from study_counts where n < 0 order by study");
+        let below: Vec<i64> = below.fetch_all(&mut *db).await?;
+        for study in below {
+            self.expect(false, "counters are negative", format_args!("study {study}"));
+        }
+        let workers = sqlx::query_scalar(
+            "select cast(name as blob) from workers
+             where min(slots, completed, failed, strikes) < 0 or max(slots, strikes) > 4294967295 order by id",
+        );
+        let workers: Vec<Vec<u8>> = workers.fetch_all(&mut *db).await?;
+        for name in workers {
+            self.expect(false, "workers have a number that is none", String::from_utf8_lossy(&name));
+        }
+        let refused = sqlx::query_scalar(
+            "select refused from refused_results
+             where attempt not between 0 and 4294967295 or length(worker) <> 16 order by refused",
+        );
+        let refused: Vec<i64> = refused.fetch_all(&mut *db).await?;
+        for row in refused {
+            self.expect(
+                false,
+                "refused_results have an attempt or worker that is none",
+                format_args!("evidence {row}"),
+            );
         }
         Ok(())
     }

@@ -100,6 +100,12 @@ async fn distrust(state: &AppState, job: JobId, at: JobState, told: &mut Vec<Str
             let names = names.join("`, `");
             told.push(format!("set aside for wrong results until `manduca workers readmit`: `{names}`"));
         }
+        for (name, seconds) in state.store().quarantined(state.now_ms()).await? {
+            told.push(format!(
+                "worker `{name}` is given no jobs for another {seconds:.0} s, for too many attempts failed in a row; \
+                 `manduca workers readmit {name}` ends that"
+            ));
+        }
     }
     Ok(())
 }
@@ -115,7 +121,7 @@ fn reasons(at: &Circumstances, ahead: Option<u64>, slots: u64, max_attempts: u32
                 _ => told.push("its study has ended".into()),
             }
             if slots == 0 {
-                told.push("no worker which may be given jobs was heard of lately: start one".into());
+                told.push("no worker was heard of lately which may be given jobs: start one".into());
             }
             told.push(format!(
                 "about {} ready jobs are leased before it, for running studies share; {slots} slots work",

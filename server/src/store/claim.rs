@@ -211,7 +211,8 @@ async fn list_audits_for(
 async fn list_offers(db: &mut SqliteConnection) -> Result<Vec<Offer>, StoreError> {
     let rows: Vec<(i64, String, i64, i64, Option<String>)> = sqlx::query_as(
         "select c.study, c.role, c.n,
-                (select coalesce(sum(l.n), 0) from study_counts as l where l.study = c.study and l.state = 'leased'),
+                (select coalesce(sum(max(0, min(l.n, 1000000000000))), 0) from study_counts as l
+                 where l.study = c.study and l.state = 'leased'),
                 s.submitted_by
          from studies as s cross join study_counts as c on c.study = s.study
          where s.condition = 'running' and c.state = 'ready' and c.n > 0 and c.role <> 'audit'

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use manduca_protocol::ids::{JobId, WorkerId};
 use manduca_protocol::watch::EvidenceView;
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
 
 use super::complete::Prepared;
 use super::names::{unsigned, uuid};
@@ -148,10 +150,11 @@ async fn insert_refused(
 type EvidenceRow = (i64, i64, Vec<u8>, String, String, String, i64, Option<String>, Option<String>);
 
 impl Store {
-    /// Evidence, the newest first.
+    /// Evidence, the newest first, without what cannot be read.
     pub(crate) async fn evidence(&self, class: Option<&str>, limit: u32) -> Result<Vec<EvidenceView>, StoreError> {
-        let rows: Vec<EvidenceRow> = sqlx::query_as(
-            "select r.job, r.attempt, r.worker, r.class, r.reason, r.level, r.refused_ms, w.name, coalesce(r.token, w.token)
+        let rows = sqlx::query(
+            "select r.job, r.attempt, r.worker, r.class, r.reason, r.level, r.refused_ms, w.name,
+                    coalesce(r.token, w.token), r.refused
              from refused_results as r left join workers as w on w.id = r.worker
              where ?1 is null or r.class = ?1 order by r.refused desc limit ?2",
         )
@@ -159,8 +162,19 @@ impl Store {
         .bind(limit)
         .fetch_all(self.readers())
         .await?;
-        rows.into_iter().map(view).collect()
+        Ok(rows.iter().filter_map(listed).collect())
     }
+}
+
+/// A piece of evidence, or nothing where its row cannot be read: one damaged row must not hide the others.
+fn listed(row: &SqliteRow) -> Option<EvidenceView> {
+    let raw: Result<EvidenceRow, sqlx::Error> = sqlx::FromRow::from_row(row);
+    let read = raw.map_err(StoreError::from).and_then(view);
+    let told = |error: &StoreError| {
+        let evidence: i64 = row.try_get("refused").unwrap_or_default();
+        tracing::error!(evidence, error.cause = %error, "A refused result cannot be read and is passed over");
+    };
+    read.inspect_err(told).ok()
 }
 
 fn view(row: EvidenceRow) -> Result<EvidenceView, StoreError> {

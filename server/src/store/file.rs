@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteLockingMode};
 use sqlx::{ConnectOptions, Connection};
 
-use super::open::{check_version, prepare, update};
+use super::open::{check_version, must_exist, prepare, update};
 use super::upkeep::{delete_workers, list_forgotten};
 use super::{OpenError, Trouble};
 
@@ -45,9 +45,7 @@ impl File {
     /// one nobody changes the file, and SQLite is told so, for it would make an index.
     pub(crate) async fn look(database: &Path) -> Result<Self, OpenError> {
         let path = || database.to_owned();
-        if !database.exists() {
-            return Err(OpenError::Missing(path()));
-        }
+        must_exist(database)?;
         let plain = SqliteConnectOptions::new().filename(database).read_only(true).disable_statement_logging();
         let is_shared = beside(database, "-shm").exists();
         let mut cause = None;

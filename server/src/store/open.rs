@@ -170,11 +170,18 @@ pub(super) async fn prepare(database: &Path) -> Result<SqliteConnectOptions, Ope
     update(database).await
 }
 
+/// Tells a database that is not there from one that may not be looked for.
+pub(super) fn must_exist(database: &Path) -> Result<(), OpenError> {
+    match database.try_exists() {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(OpenError::Missing(database.to_owned())),
+        Err(cause) => Err(OpenError::Database { path: database.to_owned(), cause: sqlx::Error::Io(cause) }),
+    }
+}
+
 /// Brings the tables of a database up to date; returns how to open it.
 pub(super) async fn update(database: &Path) -> Result<SqliteConnectOptions, OpenError> {
-    if !database.exists() {
-        return Err(OpenError::Missing(database.to_owned()));
-    }
+    must_exist(database)?;
     let (options, began) = (options(database), Instant::now());
     loop {
         match migrate(database, &options).await {

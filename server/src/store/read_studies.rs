@@ -10,7 +10,8 @@ use manduca_protocol::task::{
 use manduca_protocol::view::{
     JobCounts, JobRole, OptimumStatus, OptimumView, StageSeconds, StudyState, StudySummary, StudyView, SurrogateView,
 };
-use sqlx::sqlite::SqlitePool;
+use sqlx::Row;
+use sqlx::sqlite::{SqlitePool, SqliteRow};
 
 use super::advance::BEFORE_KEPT;
 use super::count::{open_jobs, read_counts};
@@ -292,14 +293,24 @@ impl Store {
         Ok(optima)
     }
 
-    /// A page of studies, newest first, before the study of this short number.
+    /// A page of studies, newest first, before the study of this short number. The next one stands in for one that
+    /// cannot be read.
     pub(crate) async fn studies(
         &self,
         state: Option<&str>,
-        before: i64,
+        mut before: i64,
         limit: u32,
     ) -> Result<Vec<(i64, StudySummary)>, StoreError> {
-        list_studies(self.readers(), state, before, limit).await?.into_iter().map(summary).collect()
+        let mut page = Vec::new();
+        loop {
+            let wanted = limit as usize - page.len();
+            let rows = list_studies(self.readers(), state, before, wanted as i64).await?;
+            page.extend(rows.iter().filter_map(listed));
+            match rows.last() {
+                Some(last) if rows.len() == wanted && page.len() < limit as usize => before = last.try_get("study")?,
+                _ => return Ok(page),
+            }
+        }
     }
 
     /// The study submitted under this key before, for those who would rather not draw its samples again.
@@ -389,9 +400,9 @@ async fn list_studies(
     db: &SqlitePool,
     state: Option<&str>,
     before: i64,
-    limit: u32,
-) -> Result<Vec<RawSummary>, StoreError> {
-    let rows = sqlx::query_as(
+    limit: i64,
+) -> Result<Vec<SqliteRow>, StoreError> {
+    let rows = sqlx::query(
         "select s.study, s.id, cast(s.name as blob) as name, s.stage, s.condition, s.created_ms, s.samples,
                 coalesce(c.n, 0) as succeeded, s.submitted_by
          from studies as s
@@ -407,8 +418,16 @@ async fn list_studies(
     Ok(rows)
 }
 
+/// A study of a list, or nothing where its row cannot be read: one damaged row must not hide the others.
+fn listed(row: &SqliteRow) -> Option<(i64, StudySummary)> {
+    let raw: Result<RawSummary, sqlx::Error> = sqlx::FromRow::from_row(row);
+    let read = raw.map_err(StoreError::from).and_then(summary);
+    let study: i64 = row.try_get("study").unwrap_or_default();
+    let told = |e: &StoreError| tracing::error!(study, error.cause = %e, "A study cannot be read and is passed over");
+    read.inspect_err(told).ok()
+}
+
 fn summary(raw: RawSummary) -> Result<(i64, StudySummary), StoreError> {
-    // One damaged row must not hide the others.
     let stage = named(&raw.stage).unwrap_or(Stage::Sampling);
     let condition = named(&raw.condition).unwrap_or(Condition::Failed);
     let summary = StudySummary {
@@ -417,7 +436,7 @@ fn summary(raw: RawSummary) -> Result<(i64, StudySummary), StoreError> {
         state: condition.state(stage),
         created_at: rfc3339(raw.created_ms),
         samples: unsigned(raw.samples)?,
-        samples_succeeded: unsigned(raw.succeeded)?,
+        samples_succeeded: unsigned(raw.succeeded.max(0))?,
         submitted_by: raw.submitted_by,
     };
     Ok((raw.study, summary))

@@ -32,10 +32,11 @@ pub(crate) struct Demand {
 }
 
 impl Store {
-    /// Jobs by role and state.
+    /// Jobs by role and state. A damaged counter is cut to what no counter comes to, for the sum must not overflow.
     pub(crate) async fn depths(&self) -> Result<Vec<Depth>, StoreError> {
         let depths = sqlx::query_as(
-            "select role, state, sum(n) as jobs from study_counts group by role, state order by role, state",
+            "select role, state, sum(max(0, min(n, 1000000000000))) as jobs from study_counts
+             group by role, state order by role, state",
         )
         .fetch_all(self.readers())
         .await?;
@@ -46,9 +47,9 @@ impl Store {
     pub(crate) async fn worker_sums(&self, now: i64, lease_ms: i64) -> Result<WorkerSums, StoreError> {
         let patience_ms = lease_ms + (MAX_WAIT_S * 1000.0) as i64;
         let (alive, quarantined, draining, slots): (i64, i64, i64, i64) = sqlx::query_as(
-            "select count(*), coalesce(sum(coalesce(quarantined_until_ms, 0) > ?1), 0), coalesce(sum(draining), 0),
+            "select count(*), coalesce(sum(coalesce(quarantined_until_ms, 0) > ?1), 0), coalesce(sum(draining <> 0), 0),
                     coalesce(sum(iif(draining or set_aside_ms is not null or coalesce(quarantined_until_ms, 0) > ?1, 0,
-                                     slots)), 0)
+                                     max(0, min(slots, 1000000)))), 0)
              from workers where left_ms is null and last_seen_ms >= ?2",
         )
         .bind(now)
@@ -66,7 +67,7 @@ impl Store {
     /// What wants slots.
     pub(crate) async fn demand(&self) -> Result<Demand, StoreError> {
         let rows: Vec<(String, i64)> = sqlx::query_as(
-            "select c.state, sum(c.n) from study_counts as c join studies as s on s.study = c.study
+            "select c.state, sum(min(c.n, 1000000000000)) from study_counts as c join studies as s on s.study = c.study
              where c.n > 0 and (c.state = 'leased' or c.state in ('ready', 'delayed') and s.condition = 'running')
              group by c.state",
         )

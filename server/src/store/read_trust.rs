@@ -83,6 +83,18 @@ impl Store {
         Ok(names)
     }
 
+    /// Names of the workers that are given no jobs for a while because too many attempts failed, and how long at most, s.
+    pub(crate) async fn quarantined(&self, now: i64) -> Result<Vec<(String, f64)>, StoreError> {
+        let names: Vec<(String, i64)> = sqlx::query_as(
+            "select name, quarantined_until_ms - ?1 from workers
+             where quarantined_until_ms > ?1 and left_ms is null order by name limit 10",
+        )
+        .bind(now)
+        .fetch_all(self.readers())
+        .await?;
+        Ok(names.into_iter().map(|(name, ms)| (name, ms as f64 / 1000.0)).collect())
+    }
+
     /// The worker whose result a job has although it is not believed any more, by name.
     pub(crate) async fn disowner(&self, job: i64) -> Result<Option<String>, StoreError> {
         let name =

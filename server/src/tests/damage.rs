@@ -162,3 +162,90 @@ async fn a_check_names_what_is_spoilt() {
     }
     assert!(database.check().await.expect("reads").is_well());
 }
+
+/// How many items a list has.
+async fn listed(bench: &Bench, path: &str) -> usize {
+    let answer = bench.get(path).await;
+    assert_eq!(answer.status, 200, "{path}: {:?}", answer.body);
+    let list = answer.json();
+    list.as_array().or(list["items"].as_array()).expect("a list").len()
+}
+
+#[tokio::test]
+async fn a_list_of_studies_shows_what_can_be_read() {
+    let bench = Bench::open().await;
+    let mut studies = Vec::new();
+    for samples in 20..23 {
+        studies.push(bench.submit(&study(samples, &[])).await);
+    }
+    bench.work_off(&bench.worker("w").await).await;
+    spoil(&bench, "update study_counts set n = -1 where study = 1 and state = 'succeeded'").await;
+    assert_eq!(listed(&bench, "/v1/studies").await, 3);
+    assert_eq!(bench.get("/v1/studies").await.json()["items"][2]["samples_succeeded"], 0);
+    spoil(&bench, "update studies set samples = -1 where study = 2").await;
+    assert_eq!(listed(&bench, "/v1/studies").await, 2);
+    spoil(&bench, "update studies set samples = 21, id = x'00' where study = 2").await;
+    assert_eq!(listed(&bench, "/v1/studies").await, 2);
+    // The page goes on behind the one left out.
+    let first = bench.get("/v1/studies?limit=1").await.json();
+    let cursor = first["next_cursor"].as_str().expect("a cursor");
+    let last = bench.get(&format!("/v1/studies?limit=1&cursor={cursor}")).await.json();
+    for (page, path) in [(&first, &studies[2]), (&last, &studies[0])] {
+        assert!(path.ends_with(page["items"][0]["id"].as_str().expect("an id")), "{path}: {page}");
+    }
+    assert!(last["next_cursor"].is_null(), "{last}");
+    spoil(&bench, "update study_counts set n = 9223372036854775807").await;
+    for path in ["/metrics", "/v1/scaling", "/v1/studies"] {
+        assert_eq!(bench.get(path).await.status, 200, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn lists_of_workers_and_evidence_show_what_can_be_read() {
+    let bench = Bench::open().await;
+    bench.submit(&study(20, &[])).await;
+    let worker = bench.worker("w").await;
+    bench.worker("v").await;
+    for lease in bench.claim(&worker, 2).await {
+        bench.complete(&worker, &lease, result(&lease)).await;
+        let mut other = result(&lease);
+        other["strokes_averaged"] = json!(77);
+        bench.complete(&worker, &lease, other).await;
+    }
+    assert_eq!(listed(&bench, "/v1/evidence").await, 2);
+    spoil(&bench, "update refused_results set attempt = -1 where refused = 1").await;
+    assert_eq!(listed(&bench, "/v1/evidence").await, 1);
+    for (statement, left) in [
+        ("update workers set completed = -1, failed = -1, strikes = -1 where name = 'w'", 2),
+        ("update workers set slots = -1 where name = 'w'", 1),
+        ("update workers set slots = 2, id = x'00' where name = 'w'", 1),
+    ] {
+        spoil(&bench, statement).await;
+        for path in ["/v1/workers", "/v1/workers?limit=1000"] {
+            assert_eq!(listed(&bench, path).await, left, "{path} after {statement}");
+        }
+    }
+    let page = bench.get("/v1/workers?limit=1").await.json();
+    assert_eq!((&page["items"][0]["name"], page["next_cursor"].is_null()), (&json!("v"), true), "{page}");
+    spoil(&bench, "update workers set slots = 9223372036854775807").await;
+    assert_eq!(bench.get("/metrics").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_check_names_a_secret_that_is_cut_and_numbers_that_are_none() {
+    let bench = Bench::open().await;
+    bench.submit(&study(20, &[])).await;
+    bench.worker("w").await;
+    for (statement, named) in [
+        ("update studies set secret = x'' where study = 1", "studies have a secret"),
+        ("update studies set secret = null where study = 1", "studies have a secret"),
+        ("update study_counts set n = -1 where study = 1", "counters are negative"),
+        ("update workers set strikes = -1 where name = 'w'", "workers have a number"),
+        ("update workers set slots = 4294967296 where name = 'w'", "workers have a number"),
+    ] {
+        spoil(&bench, statement).await;
+        let mut database = Offline::open(&bench.database()).await.expect("opens beside the coordinator");
+        let found = database.check().await.expect("reads");
+        assert!(found.breaches.join("; ").contains(named), "{statement}: {found:?}");
+    }
+}

@@ -161,3 +161,16 @@ async fn a_request_for_another_host_is_refused_however_it_is_spelt() {
     }
     served.end().await;
 }
+
+#[tokio::test]
+async fn a_coordinator_whose_writer_has_ended_ends() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = Config::new(folder.path().join("manduca.db"));
+    let state = crate::open_with_clock(config, std::sync::Arc::new(crate::SystemClock::start())).await.expect("opens");
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let serving = tokio::spawn(serve(listener, state.clone(), std::future::pending()));
+    state.store().close().await;
+    let ended = tokio::time::timeout(DEADLINE, serving).await.expect("ends").expect("does not panic");
+    let told = ended.expect_err("it does not go on").to_string();
+    assert!(told.contains("the writer of the database ended"), "{told}");
+}

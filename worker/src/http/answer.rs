@@ -11,6 +11,8 @@ use super::CallError;
 
 /// Most bytes read of an answer which says no.
 const LONGEST_REFUSAL: usize = 4 << 20;
+/// Most bytes read of any answer: the training on 200,000 samples, with its checkpoint, has half of it.
+const LONGEST_ANSWER: usize = 256 << 20;
 /// Characters shown of a stranger's answer.
 const SHOWN: usize = 120;
 
@@ -63,13 +65,29 @@ pub async fn call_for_status<T: DeserializeOwned>(request: RequestBuilder) -> Re
         return Err(refusal(response).await);
     }
     let (url, status) = (response.url().to_string(), response.status());
-    let body = response.bytes().await?;
+    let body = whole(response, LONGEST_ANSWER).await?;
     let read = serde_json::from_slice(&body).map_err(|error| CallError::Foreign {
         url,
         status: status.as_u16(),
         what: format!("{status}, but not the JSON expected: {error}"),
     })?;
     Ok((status, read))
+}
+
+/// The body of an answer. One which does not end is no coordinator's.
+async fn whole(mut response: Response, most: usize) -> Result<Vec<u8>, CallError> {
+    let mut body = Vec::new();
+    while let Some(part) = response.chunk().await? {
+        if body.len() + part.len() > most {
+            return Err(CallError::Foreign {
+                url: response.url().to_string(),
+                status: response.status().as_u16(),
+                what: format!("an answer of more than {most} bytes"),
+            });
+        }
+        body.extend_from_slice(&part);
+    }
+    Ok(body)
 }
 
 /// What an answer which is not the one hoped for means.
@@ -169,6 +187,14 @@ mod tests {
                 "{media_type} {body}: {error}"
             );
         }
+    }
+
+    #[tokio::test]
+    async fn an_answer_without_end_is_not_read_to_it() {
+        let answer = || http_response(200, "application/json", &" ".repeat(100));
+        assert_eq!(whole(answer(), 100).await.unwrap().len(), 100);
+        let error = whole(answer(), 99).await.unwrap_err();
+        assert!(matches!(&error, CallError::Foreign { what, .. } if what.contains("more than")), "{error}");
     }
 
     #[tokio::test]

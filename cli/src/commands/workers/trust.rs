@@ -56,7 +56,7 @@ async fn meant(api: &Api, text: &str) -> Result<Vec<WorkerId>> {
     }
     let ids: Vec<_> = api.workers_called(text).await?.into_iter().map(|w| w.id).collect();
     if ids.is_empty() {
-        let why = "no worker heard of within a day has this name; give the id (the jobs of a study show who computed them), or --data";
+        let why = "no worker which is there has this name; give the id: `manduca dataset --provenance` and `manduca explain` name who computed what";
         return Err(refused(format!("`{text}`: {why}")));
     }
     Ok(ids)
