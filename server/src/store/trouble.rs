@@ -33,7 +33,7 @@ impl Trouble {
             Self::Damaged => "the database is damaged",
             Self::Full => "the disk is full",
             Self::Closed => "a file of the database cannot be opened",
-            Self::Gone => "the database was removed or replaced while in use",
+            Self::Gone => "the database was removed, replaced or cut short while in use",
         }
     }
 

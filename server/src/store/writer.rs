@@ -306,7 +306,7 @@ impl Task {
         let advice = trouble.map_or("", Trouble::advice);
         if is_gone {
             let database = self.config.database.display();
-            tracing::error!(server.database = %database, advice, "The database was removed or replaced while in use. No change is taken");
+            tracing::error!(server.database = %database, advice, "The database was removed, replaced or cut short while in use. No change is taken");
         } else {
             tracing::error!(error.cause = %cause, batch.operations = operations, advice, "A batch of operations was not committed");
         }

@@ -169,19 +169,31 @@ fn a_database_that_is_taken_away_is_noticed() {
         assert_eq!(coordinator.ask("/readyz").status, 503, "{name}");
         let refused = coordinator.post("/v1/studies", &blades("during", 2, 30));
         assert_eq!(refused.status, 503, "{name}: {}", refused.body);
-        assert!(refused.body.contains("removed or replaced"), "{}", refused.body);
+        assert!(refused.body.contains("removed, replaced or cut short"), "{}", refused.body);
         assert!(!path.exists(), "nothing is made in its place");
         fs::rename(&away, &path).unwrap();
         wait_for("a coordinator which is ready again", || (coordinator.ask("/readyz").status == 200).then_some(()));
         coordinator.submit(&blades("after", 3, 30));
     }
-    assert!(coordinator.said().contains("removed or replaced"), "{}", coordinator.said());
+    assert!(coordinator.said().contains("removed, replaced or cut short"), "{}", coordinator.said());
     // A copy in its place is another file.
     fs::copy(data.join("manduca.db"), data.join("copy")).unwrap();
     fs::rename(data.join("copy"), data.join("manduca.db")).unwrap();
     assert_eq!(coordinator.post("/v1/studies", &blades("lost", 4, 30)).status, 503);
     assert_eq!(coordinator.ask("/readyz").status, 503);
     assert_eq!(coordinator.ask("/healthz").status, 200);
+}
+
+#[test]
+fn a_database_that_is_cut_short_takes_no_change() {
+    for name in ["manduca.db-wal", "manduca.db"] {
+        let coordinator = Coordinator::start();
+        coordinator.submit(&blades("before", 1, 30));
+        let path = coordinator.folder().join("data").join(name);
+        fs::File::options().write(true).open(path).unwrap().set_len(0).unwrap();
+        assert_eq!(coordinator.ask("/readyz").status, 503, "{name}");
+        assert_eq!(coordinator.post("/v1/studies", &blades("during", 2, 30)).status, 503, "{name}");
+    }
 }
 
 #[test]
