@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page, Playwright
 
 # Machines of every speed: what is waited for comes, or the test ends here, ms.
-PATIENCE = 120_000
+PATIENCE = 180_000
 BEGAN = time.monotonic()
 
 # What each part of a study says once it has its data.
