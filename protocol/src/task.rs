@@ -140,6 +140,13 @@ pub struct ScaledEstimates {
     pub power: Estimate,
 }
 
+impl ScaledEstimates {
+    /// L+, D+, M+, P+ without their errors.
+    pub fn means(&self) -> [f64; 4] {
+        [self.lift, self.drag, self.pitch_moment, self.power].map(|estimate| estimate.mean)
+    }
+}
+
 /// Four scaled values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Scaled {

@@ -23,9 +23,7 @@ impl Asker {
     pub(crate) fn of(headers: &HeaderMap) -> Self {
         Self(headers.get(header::AUTHORIZATION).map(|value| blake3::hash(value.as_bytes())))
     }
-}
 
-impl Asker {
     /// A worker, whatever its token: those of a cluster share one.
     pub(crate) fn of_worker(worker: WorkerId) -> Self {
         Self(Some(blake3::hash(worker.0.as_bytes())))

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::store::{OpenError, make_folder, private};
+use crate::store::{OpenError, beside, make_folder, private};
 
 /// What a coordinator is part of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -47,13 +47,6 @@ pub struct Hold {
     /// The system releases the lock with the file, whatever becomes of this process.
     _lock: Option<File>,
     address: PathBuf,
-}
-
-/// The database's path with an ending.
-fn beside(database: &Path, ending: &str) -> PathBuf {
-    let mut name = database.as_os_str().to_owned();
-    name.push(ending);
-    name.into()
 }
 
 impl Hold {

@@ -11,10 +11,6 @@ use manduca_protocol::task::{OptimiseResult, ScaledEstimates};
 use super::optimum::{Asked, TOLERANCE, four};
 use super::{Fault, agrees, differs, inside};
 
-fn four_means(s: &ScaledEstimates) -> [f64; 4] {
-    [s.lift, s.drag, s.pitch_moment, s.power].map(|estimate| estimate.mean)
-}
-
 /// Strokes that were flown, by the bits of their parameters.
 struct Met<'f>(HashMap<[u64; COUNT], &'f FlownMessage>);
 
@@ -150,7 +146,7 @@ fn continued(before: &BreedState, flown: usize, state: &BreedState) -> Result<()
 /// Checks that every fitness carried on is that of an individual which survived or was flown.
 fn fitnesses(asked: &Asked<'_>, before: &BreedState, flown: &[FlownMessage], state: &BreedState) -> Result<(), Fault> {
     let means: HashMap<[u64; COUNT], [f64; 4]> =
-        flown.iter().filter_map(|f| Some((bits(&f.parameters), four_means(f.scaled.as_ref()?)))).collect();
+        flown.iter().filter_map(|f| Some((bits(&f.parameters), f.scaled?.means()))).collect();
     let judged = before.genes.iter().skip(before.elite.len()).filter_map(|genes| {
         let individual = asked.bounds.from_unit(genes);
         let inside = ParameterValues(clamped(&asked.bounds, &individual));
@@ -187,7 +183,7 @@ fn refined(before: &RefineState, flown: &[FlownMessage], state: &RefineState) ->
 fn found(asked: &Asked<'_>, met: &Met<'_>, optimum: &OptimiseResult) -> Result<(), Fault> {
     let unflown = || Fault::False("the optimum was not flown".into());
     let means = met.means(&optimum.parameters).ok_or_else(unflown)?;
-    let flown = four_means(means);
+    let flown = means.means();
     if four(&optimum.predicted) != flown {
         let why = format!("the optimum was flown with {flown:?}, not {:?} as claimed", optimum.predicted);
         return Err(Fault::False(why));

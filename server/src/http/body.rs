@@ -127,8 +127,12 @@ impl<T: Accepted> FromRequest<AppState> for HeldBody<T> {
         };
         let (path, length) = (request.uri().path().to_owned(), request.body().size_hint().upper());
         let room = T::room(state, &path, length).await?;
-        let asker = worker(&path).map_or_else(|| Asker::of(request.headers()), Asker::of_worker);
-        let mut held = if room.large { state.memory().large(asker).await? } else { state.memory().none() };
+        let mut held = if room.large {
+            let asker = worker(&path).map_or_else(|| Asker::of(request.headers()), Asker::of_worker);
+            state.memory().large(asker).await?
+        } else {
+            state.memory().none()
+        };
         let bytes = read(request, room.bytes, state, &mut held).await?;
         if bytes.len() <= INLINE && language == Language::Json {
             return parse(&bytes, language, room.values).map(|value| Self { value, held });

@@ -125,7 +125,8 @@ async fn try_out(options: &SqliteConnectOptions) -> Result<SqliteConnection, sql
     Ok(connection)
 }
 
-fn beside(database: &Path, ending: &str) -> PathBuf {
+/// The path of a database with an ending: what lies beside it.
+pub(crate) fn beside(database: &Path, ending: &str) -> PathBuf {
     let mut name = database.as_os_str().to_owned();
     name.push(ending);
     name.into()

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
 use manduca_numerics::insect::Insect;
-use manduca_numerics::parameters::OUTPUTS;
+use manduca_numerics::parameters::{OUTPUTS, at};
 use manduca_numerics::simulation::Model;
 use manduca_protocol::resolve;
 use manduca_protocol::study::StudySpec;
@@ -16,8 +16,6 @@ use crate::validity::Flown;
 /// Relative error of a scaled mean times its scale.
 const ROUNDING: f64 = 1e-9;
 
-/// Place of the frequency in the table of parameters.
-const FREQUENCY: usize = 0;
 /// Times the loads of the fastest stroke there can be beyond which a result is nonsense.
 const NONSENSE: f64 = 100.0;
 
@@ -48,10 +46,10 @@ pub(crate) struct Limits {
 impl Limits {
     /// Those of a study, unless its model is not one of this version.
     pub(super) fn of(spec: &StudySpec) -> Option<Self> {
-        let model = resolve::model(&spec.model, "/model").ok()?;
+        let study = resolve::study(spec).ok()?;
+        let model = study.model;
         let verify_strokes = spec.optimisations.iter().map(|o| o.verify_strokes as usize).collect();
-        let bounds = resolve::study(spec).ok()?.bounds;
-        let most = most(&model.insect, bounds.upper[FREQUENCY]);
+        let most = most(&model.insect, study.bounds.upper[at::FREQUENCY]);
         Some(Self { scales: model.insect.scales(), model: model.model, most, verify_strokes })
     }
 
@@ -72,7 +70,7 @@ impl Limits {
         let [force, moment, power] = self.most;
         for ((value, most), output) in flown.si.iter().zip([force, force, moment, power]).zip(&OUTPUTS) {
             if value.iter().any(|number| number.abs() > most) {
-                let why = format!("an {} of {} +- {} is more than any wing gives", output.0, value[0], value[1]);
+                let why = format!("{} of {} +- {} is more than any wing gives", output.0, value[0], value[1]);
                 return Err(why);
             }
         }

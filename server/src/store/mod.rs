@@ -75,7 +75,7 @@ pub(crate) use count::open_jobs;
 pub(crate) use disown::{Disown, Readmit, disown_in};
 pub(crate) use dispute::{BeginDispute, Dispute, Settle, Truth};
 pub(crate) use exchange::{Exchange, Exchanged};
-pub(crate) use file::File;
+pub(crate) use file::{File, beside};
 pub(crate) use last_use::{Remember, find_last_use, is_ahead};
 pub(crate) use names::{Condition, Stage, kind_of, named, role_name, state_name};
 pub use open::OpenError;

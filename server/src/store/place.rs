@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use super::file::beside;
 use super::trouble::gone;
 
 /// What makes a file this file and no other: device and inode.
@@ -35,19 +36,11 @@ pub(super) struct Place {
 impl Place {
     /// The place of a database that has just been opened.
     pub(super) fn of(database: &Path) -> Self {
-        let place = Self { database: database.to_owned(), seen: Mutex::default() };
-        *place.seen.lock().unwrap_or_else(PoisonError::into_inner) = [look(database), None, None];
-        place
-    }
-
-    fn path(&self, ending: &str) -> PathBuf {
-        let mut name = self.database.as_os_str().to_owned();
-        name.push(ending);
-        name.into()
+        Self { database: database.to_owned(), seen: Mutex::new([look(database), None, None]) }
     }
 
     fn now(&self) -> [Option<Seen>; 3] {
-        ["", "-wal", "-shm"].map(|ending| look(&self.path(ending)))
+        ["", "-wal", "-shm"].map(|ending| look(&beside(&self.database, ending)))
     }
 
     /// Notes log and index; the writer has them open.
@@ -74,7 +67,7 @@ impl Place {
             let Some(then) = then else { continue };
             let now = now.filter(|now| now.identity == then.identity).ok_or_else(gone)?;
             // SQLite shortens nothing while it is open but a log of which nothing is needed any more.
-            if now.length < then.length && (i != 1 || lacks_frames(&self.path("-shm"), now.length)) {
+            if now.length < then.length && (i != 1 || lacks_frames(&beside(&self.database, "-shm"), now.length)) {
                 return Err(gone());
             }
             *then = now;

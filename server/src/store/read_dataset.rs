@@ -95,7 +95,7 @@ fn train_rows(rows: Vec<SampleRow>) -> Result<Vec<TrainSample>, StoreError> {
     for row in rows {
         let row = row.parse(false)?;
         if let SimulateOutcome::Ok { scaled, .. } = row.result.outcome {
-            let y = [scaled.lift.mean, scaled.drag.mean, scaled.pitch_moment.mean, scaled.power.mean];
+            let y = scaled.means();
             let se = [scaled.lift.se, scaled.drag.se, scaled.pitch_moment.se, scaled.power.se];
             samples.push(TrainSample { x: row.parameters.0, y, se });
         }
